@@ -30,7 +30,7 @@ EXCEPTIONS = {
 NOT_FINITE = ("one not a number", "infinite")
 BETWEEN_PARTS = {
     "check_step",
-    "meet_constraints",
+    "impulse",
     "decay_rate",
     "dragged",
     "factor",

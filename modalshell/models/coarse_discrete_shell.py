@@ -335,6 +335,17 @@ class CoarseDiscreteShell(OnCoarse):
         rates = state.rates - unknowns.prolong(change).reshape(state.rates.shape)
         return MotionState(state.coordinates + dt * (rates - state.rates), rates)
 
+    def resisting(self, vertices: Index, drag: Array, rates: Array) -> tuple[DiscreteShell, Array]:
+        """The coarse shell, on which loads fall with velocities in a step, and loads (k, 3) [N] with which they do.
+
+        They are taken at ``rates`` (k, 3) [m/s]; each vertex has its share of their ``drag``, so that the matrix keeps
+        its pattern.
+        """
+        shares, model = abs(self.weights[vertices]), copy.copy(self.coarse)
+        blocks = (shares.T @ (drag.reshape(-1, 9) / shares.sum(axis=1)[:, None])).reshape(-1, 3, 3)
+        model.drag = model.shell.pattern.block_diagonal(blocks)
+        return model, model.shell.pattern.product(model.drag, rates.ravel()).reshape(-1, 3)
+
     def carried(self, load: Array) -> Array:
         """Load (k, 3) [N] on the coarse vertices in motion of one on the fine ones (n, 3) [N]."""
         down = self._prolongation.restrict(load)

@@ -259,10 +259,17 @@ class ModalDerivatives(ImplicitModel):
             answer = problem.descend(start.near, scale)
         return answer.point, answer.converged
 
-    def step_problem(self, start: EulerStart, push: Array, damping: Damping) -> tuple[ReducedPotential, float]:
-        """The potential of such a step under reduced forces (r,), and the size of its forces."""
+    def step_problem(
+        self, start: EulerStart, push: Array, damping: Damping, fall: Array | None = None
+    ) -> tuple[ReducedPotential, float]:
+        """The potential of such a step under reduced forces (r,), and the size of its forces.
+
+        They ``fall`` (r, r) [1/s] with the rates from those expected on.
+        """
         z, dt = start.origin, start.dt
         quadratic = np.eye(z.size) * (1.0 / dt**2 + damping.mass_factor / dt)
+        if fall is not None:
+            quadratic, push = quadratic + fall / dt, push + fall @ start.expected_rates
         push, eigenvalues, energy = push + start.rates / dt, self.basis.eigenvalues, self.energy
         if damping.stiffness_factor:
             energy = energy.damped(start, damping.stiffness_factor)
@@ -286,12 +293,15 @@ class ModalDerivatives(ImplicitModel):
         eigenvalues = np.concatenate([np.zeros(self.flight.count), self.basis.eigenvalues])
         return probes(np.hstack([rigid, self._vectors]), eigenvalues, self.shell.mesh)
 
+    def rows(self, vertices: Index) -> Array:
+        """Rows (k, 3, r) that take rates to velocities of some vertices."""
+        return np.asarray(self._vectors.reshape(-1, 3, self._vectors.shape[1])[vertices])
+
     def dragged(
         self, state: MotionState, before: MotionState, dt: float, damping: Damping, vertices: Index, drag: Array
     ) -> MotionState:
         """The reduced forces' fall ``-D (v - v_n)`` taken at the step's end."""
-        z = before.coordinates
-        rows = self._vectors.reshape(-1, 3, z.size)[vertices]
+        z, rows = before.coordinates, self.rows(vertices)
         return slowed(state, before, dt, damping, self.energy.hessian(z, GAUSS_NEWTON)[2], rows, drag)
 
     def positions(self, state: MotionState) -> Array:

@@ -408,3 +408,14 @@ def test_a_row_turned_about_its_own_line_turns_the_surface():
     assert answer.converged
     circle = 0.5 * young * thickness**3 / 12.0 * turn**2 * 0.1
     assert shell.energy(answer.positions) == pytest.approx(circle, rel=0.03)  # the last cell is rigid
+
+
+@pytest.mark.by_default("ModalWarping-exponential")
+@pytest.mark.parametrize("integrator", ["exponential", "implicit_midpoint"])
+@pytest.mark.parametrize("build", [ms.ModalWarping, ms.RotationStrain])
+def test_a_damped_motion_under_constraints_comes_to_rest_where_statics_is(shell, basis, tip, build, integrator):
+    """Its load was that where the shell would have gone without them, and the midpoint rule kept rates at rest."""
+    held = [ms.PositionConstraint([tip], shell.rest_positions[tip] + [-0.03, 0.0, 0.12])]
+    given, model = {"gravity": (0, 0, -3.0), "constraints": held}, build(basis, integrator=integrator)
+    run = ms.simulate(model, duration=4.0, dt=1 / 60, damping=(6.0, 0.003), **given)
+    assert ms.measure.displacement_error(run.positions[-1], model.equilibrium(**given).positions, shell) < 1e-6

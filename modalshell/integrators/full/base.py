@@ -34,6 +34,8 @@ class Body(Protocol):
     """Where their seconds are added."""
     live: LiveLoads | None
     """Loads that change within a step, for implicit integrators."""
+    drag: Array | None
+    """Entries [N s/m], on the shell's pattern, of the matrix by which dead loads fall with velocities in a step."""
 
     @property
     def start_shell(self) -> Shell:

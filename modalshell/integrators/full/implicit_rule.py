@@ -220,7 +220,7 @@ class ShellSteps(LoadedSteps):
             begun_with = start.damping_measures(partial(self._changes, body), shell.elastic_energy.periods)
             damp = begun_with, self._damping.stiffness_factor, start.dt
             shell, begun = shell.damped(*damp), begun.damped(*damp)
-        problem, scale = step_potential(body, start.origin, start.rates, start.dt, load, self._damping)
+        problem, scale = step_potential(body, start.origin, start.rates, start.dt, load, self._damping, body.drag)
         problem = replace(problem, shell=shell)
         near, first = hold(shell, start.near, held), hold(shell, start.origin + start.dt * start.rates, held)
         # Stresses predicted along the straight way to a turned place would be a compression (theory 12).

@@ -21,6 +21,7 @@ class ImplicitMidpoint(ModalIntegrator, key="implicit_midpoint"):
     """
 
     name = "midpoint"
+    backward = False
     forced_at: ClassVar[float] = 0.5
 
     def advance(self, state: MotionState, force: ForceInTime, step: ModalStep) -> MotionState:

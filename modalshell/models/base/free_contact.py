@@ -23,7 +23,7 @@ from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.free_parts import inertia_of, turn_of, vector_of
 from modalshell.integrators.state import PUSHES, MotionState
-from modalshell.models.base.modal_contact import ModalPressedMotion
+from modalshell.models.base.modal_contact import Felt, ModalPressedMotion
 from modalshell.models.base.pressed_motion import BEYOND, LOCAL
 from modalshell.models.base.stepper import LEAD
 from modalshell.modes.modal_rotation import cross_matrices
@@ -93,10 +93,10 @@ class FreeContactMotion(ModalPressedMotion):
         return super().frame(state, positions, time)
 
     def follow(
-        self, before: MotionState, force: Array, when: tuple[float, float], gaps: Array | None, base: Array
+        self, before: MotionState, felt: Felt, when: tuple[float, float], gaps: Array | None, base: Array
     ) -> tuple[MotionState, bool, Array | None]:
         """The end of a step; see :meth:`ModalPressedMotion.follow`."""
-        pressing, (time, dt) = self._pressing, when
+        pressing, force, (time, dt) = self._pressing, felt[0], when
         size = pressing.touching.size
         if gaps is None:
             pressing.at(time)

@@ -96,6 +96,7 @@ class FullModel(Model):
         self.factoriser = Factoriser(backend)
         self.costs = Timings()
         self.live: LiveLoads | None = None
+        self.drag: Array | None = None
         self._start_shell: Shell | None = None
         self._carried: tuple[Shell, SupportPath, float, float] | None = None
         self._free_parts: tuple[Unknowns, FreeParts | None] | None = None

@@ -150,23 +150,24 @@ def press_led(
 ) -> Pressed:
     """As :meth:`ModalContacts.press`, of what also meets targets.
 
-    ``step`` are the coordinates without contacts and constraints and the compliance (m,), ``begin`` coordinates and
-    positions before. Each pass is Newton's on the coordinates, forces and reactions; where none meets the targets, what
-    is nearest to them is returned, of these and of what contacts alone do, as not solved.
+    ``step`` are the coordinates without contacts and constraints and the compliance, (m,) or (m, m), ``begin`` those
+    and positions before. Each pass is Newton's on the coordinates, forces and reactions; where none meets the targets,
+    what is nearest to them is returned, of these and of what contacts alone do, as not solved.
     """
     (free, compliance), (last, base), (local, pushes, _) = step, begin, before
     kept = before
-    q, stiffness = targets.near(free, compliance, free, local), 1.0 / compliance
+    whole = np.diag(compliance) if compliance.ndim == 1 else compliance
+    q, stiffness = targets.near(free, whole.diagonal(), free, local), np.asarray(np.linalg.inv(whole), np.float64)
     best, least, known = None, np.inf, gaps
     for _ in range(_PASSES):
-        x, unbalanced = pressing.positions(q) + local, stiffness * (q - free)
+        x, unbalanced = pressing.positions(q) + local, stiffness @ (q - free)
         forces = pressing.touching.forces(x, pushes)
         borne = unbalanced - pressing.pull(q, forces)
         if not np.isfinite(borne).all():
             break
-        hessian = np.diag(stiffness) - model.work_curvature(q, forces + targets.forces(q, borne, len(x)))
+        hessian = stiffness - model.work_curvature(q, forces + targets.forces(q, borne, len(x)))
         try:
-            soft = np.asarray(np.linalg.inv(targets.stiffened(q, hessian, stiffness)), np.float64)
+            soft = np.asarray(np.linalg.inv(targets.stiffened(q, hessian, stiffness.diagonal())), np.float64)
             aims = targets.along(q, q - soft @ unbalanced, soft)
         except np.linalg.LinAlgError:  # of passes that run away
             break

@@ -17,6 +17,7 @@ from modalshell.integrators.modal import ImplicitEuler, ModalIntegrator
 from modalshell.integrators.modal.base import DeadForce, ForceInTime
 from modalshell.integrators.state import MotionState
 from modalshell.loads import Loading
+from modalshell.models.base.constrained_step import begun, force_held, meet_constraints
 from modalshell.models.base.distortion import Distortion
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.manipulation import PatchTargets, meet, out_of_reach
@@ -38,6 +39,8 @@ _FIXED_POINT = 1e-7
 """Relative change of the coordinates at which a fixed-point iteration has converged."""
 _FIXED_POINT_LIMIT = 200
 """Fixed-point iterations at most."""
+Feels = tuple[ForceInTime, list[tuple[Array, Array]]]
+"""A modal force, which lists the rates (m,) and its fall (m, m) with these where it depends on them."""
 _OUT_OF_REACH_LIMIT = 20
 """Number of iterations after which unreached targets are abandoned."""
 
@@ -266,9 +269,9 @@ class ModalStepper(ContactStepper):
     def start(self, positions: Array | None) -> MotionState:
         """State at rest at ``positions`` (n, 3) [m], as near as its shapes come, refused inside a collider."""
         state = super().start(positions)
-        if self._contacts is None:
-            return state
-        return self._contacts.begin(state, None if positions is None else positions - self.origin)
+        if self._contacts is not None:
+            state = self._contacts.begin(state, None if positions is None else positions - self.origin)
+        return begun(self.model, state) if self.setup.constraints else state
 
     @property
     def note(self) -> str:
@@ -278,7 +281,8 @@ class ModalStepper(ContactStepper):
     def state_at(self, positions: Array, time: float) -> MotionState:
         """State at rest with every vertex at ``positions`` (n, 3) [m], as far as the model can."""
         state = super().state_at(positions, time)
-        return state if self._contacts is None else self._contacts.clear(state)
+        state = state if self._contacts is None else self._contacts.clear(state)
+        return begun(self.model, state) if self.setup.constraints else state
 
     def outside(self, state: MotionState, time: float) -> MotionState:
         """A state that another motion's was put into at ``time`` [s], pressed out of the colliders."""
@@ -309,8 +313,10 @@ class ModalStepper(ContactStepper):
             return pushed
 
         if contacts is not None and contacts.touched(state):
-            return self._pressed(state, force, (begin, dt), load)
-        rule, (after, solved) = model.integrator, model.march(state, dt, force, damping, end)
+            return self._pressed(state, (force, last), (begin, dt), load)
+        felt = force_held(model, state, (dt, damping), force, last) if self.setup.constraints else force
+        rule, known = model.integrator, end if felt is force else None
+        after, solved = model.march(state, dt, felt, damping, known)
         if last and ("force" in after.memory or rule.forced_at < 1.0) and model.stops(dt, damping, last[0][1]):
             rule, pushed = EULER, force(state.coordinates, state.rates, 1.0)
             after, solved = model.euler_step(state, dt, pushed, damping)
@@ -327,26 +333,30 @@ class ModalStepper(ContactStepper):
             return after, solved
         after, places = contacts.clear(after), self.loaded_positions
         if (gaps := contacts.enters(places(after), begin + dt)) is not None:
-            return self._pressed(state, force, (begin, dt), load, gaps)
+            return self._pressed(state, (force, last), (begin, dt), load, gaps)
         return after, solved and not contacts.touching.passed(places(state), places(after))
 
     def _pressed(
-        self, state: MotionState, force: ForceInTime, when: tuple[float, float], load: Array, gaps: Array | None = None
+        self, state: MotionState, feels: Feels, when: tuple[float, float], load: Array, gaps: Array | None = None
     ) -> tuple[MotionState, bool]:
         """The end of a step that contacts press on, of implicit Euler in the place of the rule's."""
+        force, falls = feels
 
         def pushed() -> Array:
             known = gaps is None and load is self._steady  # the end of a pressed step under the same force
             return state.memory["force"] if known else force(state.coordinates, state.rates, 1.0)
 
-        after, solved, own = self._contacts.rest(state, pushed, when[1]) if gaps is None else None, True, None
+        after, solved, own = None, True, None
+        if gaps is None and not self.setup.loading.by_velocity:
+            after = self._contacts.rest(state, pushed, when[1])
         if after is None:
             base = self.loaded_positions(state)
             if gaps is None and self._stays and self._dead is not None:
                 after, own = self._contacts.continued(state, self._dead, when, base, load)
         foreseen = own is not None  # to third order in the step: the force was asked for at such an end
         if after is None:
-            after, solved, own = self._contacts.follow(state, pushed(), (sum(when), when[1]), gaps, base)
+            felt = pushed(), falls[0][1] if falls else None
+            after, solved, own = self._contacts.follow(state, felt, (sum(when), when[1]), gaps, base)
             self.residuals = self._contacts.missed
         self._known = self._known if own is None else [*self._known[-1:], (after, own)]
         self._steady = None
@@ -373,7 +383,7 @@ class ModalStepper(ContactStepper):
     def _met(self, begin: float, dt: float, state: MotionState, free: MotionState) -> MotionState:
         """``free``, the state after a step from ``state``, moved onto the constraints."""
         damping, targets = self.setup.damping, lambda share: self._targets(begin + share * dt, state.coordinates)
-        after, self.residuals = self.model.meet_constraints(state, free, dt, damping, targets)
+        after, self.residuals = meet_constraints(self.model, state, free, (dt, damping), targets)
         return after
 
     def _targets(self, time: float, q: Array) -> PatchTargets:

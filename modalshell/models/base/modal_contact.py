@@ -24,6 +24,7 @@ from modalshell.integrators.full.second_order import GAMMA
 from modalshell.integrators.modal.base import DeadForce
 from modalshell.integrators.state import COST, PUSHES, MotionState
 from modalshell.loads import Loading
+from modalshell.models.base.constrained_step import HELD
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.led_contact import LedTargets, hold_patches, led_from, press_led
 from modalshell.models.base.manipulation import MET, PatchTargets
@@ -42,6 +43,8 @@ _FAINT = 1e-6
 """Amplitude, as a share of the shell's size, of a swing in the lowest mode below which implicit Euler ends it."""
 _LENGTHS = 16
 """Lengths of steps of which compliances are kept."""
+Felt = tuple[Array, Array | None]
+"""A modal force (m,), and how it falls with the rates (m, m); None where it does not."""
 _LONGEST = 0.5
 """Longest move [rad] of a quadratic problem's step: a part of the shell turns by no more."""
 
@@ -242,9 +245,9 @@ class ModalPressedMotion(PressedMotion):
 
     @abstractmethod
     def follow(
-        self, before: MotionState, force: Array, when: tuple[float, float], gaps: Array | None, base: Array
+        self, before: MotionState, felt: Felt, when: tuple[float, float], gaps: Array | None, base: Array
     ) -> tuple[MotionState, bool, Array | None]:
-        """The end of a step under a modal ``force`` (m,); ``when`` it ends, and how long it is [s].
+        """The end of a step under what is ``felt`` at its beginning; ``when`` it ends, and how long it is [s].
 
         ``gaps`` (r,) [m] are those near its end, of its beginning if they are not known; ``base`` (n, 3) [m] are the
         positions at its beginning without what is beyond the modes. Also returns whether the contacts were solved, and
@@ -290,6 +293,8 @@ class ModalContactMotion(ModalPressedMotion):
     def lead(self, targets: Callable[[float, Array], PatchTargets]) -> None:
         """See :meth:`ModalPressedMotion.lead`."""
         self._targets, self._none[TAKEN] = targets, np.full(self._model.basis.count, np.inf)
+        if not self._model.integrator.backward:
+            self._moves = self._moves | {HELD: np.zeros(self._model.basis.count)}
         hold_patches(self._pressing, self._setup.constraints)
 
     def rest(self, before: MotionState, felt: Callable[[], Array], dt: float) -> MotionState | None:
@@ -354,10 +359,10 @@ class ModalContactMotion(ModalPressedMotion):
         return self.pressed(state)
 
     def follow(
-        self, before: MotionState, force: Array, when: tuple[float, float], gaps: Array | None, base: Array
+        self, before: MotionState, felt: Felt, when: tuple[float, float], gaps: Array | None, base: Array
     ) -> tuple[MotionState, bool, Array | None]:
         """The end of a step; see :meth:`ModalPressedMotion.follow`."""
-        model, pressing, (time, dt) = self._model, self._pressing, when
+        model, pressing, (force, drag), (time, dt) = self._model, self._pressing, felt, when
         if gaps is None:
             pressing.at(time)
             gaps = self._gaps(before, base)
@@ -365,6 +370,10 @@ class ModalContactMotion(ModalPressedMotion):
         ends = np.empty((3, q.size))
         implicit_euler(q, rates, force, compliance, model.basis.eigenvalues, dt, ends)
         free, _, ahead = ends
+        if drag is not None:  # it falls from the rates of the beginning to those of the end
+            pull, stiffness = (free - q) / compliance + drag @ rates, np.diag(1.0 / compliance) + drag / dt
+            compliance = np.asarray(np.linalg.inv(stiffness), np.float64)
+            free = q + compliance @ pull
         kept = before.memory[LOCAL], before.memory[PUSHES], before.memory.get(TAKEN)
         if self._targets is None:
             pressed = pressing.press(free, compliance, (ahead, q, base), gaps, kept)

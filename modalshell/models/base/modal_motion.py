@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Self
 
@@ -21,7 +21,7 @@ from modalshell.loads import Loading
 from modalshell.models.base.buckling_range import BucklingRange
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.free_frames import FreeFrames
-from modalshell.models.base.manipulation import REACHED, PatchTargets, meet
+from modalshell.models.base.manipulation import PatchTargets
 from modalshell.models.base.model import FrameModel, probes
 from modalshell.models.base.shape import ModalShape
 from modalshell.models.base.stepper import LEAD
@@ -243,7 +243,7 @@ class ModalMotion(ModalShape, FrameModel):
             kept = self._damp = damping, damping.of_modes(self.basis.eigenvalues)
         return kept[1]
 
-    def _impulse(self, damping: Damping, dt: float) -> tuple[Array, Array]:
+    def impulse(self, damping: Damping, dt: float) -> tuple[Array, Array]:
         """What a modal force throughout a step does, see :meth:`ModalIntegrator.impulse`; kept from step to step."""
         key, kept = (self.integrator, damping, dt), self._impulsed  # read once: as of the damping
         if kept is None or kept[0] != key:
@@ -319,33 +319,6 @@ class ModalMotion(ModalShape, FrameModel):
         """Rate [1/s] at which the slowest mode loses energy, numerical damping included; 0 with rigid modes."""
         eigenvalues = self.basis.eigenvalues
         return self.integrator.decay_rate(eigenvalues, damping.of_modes(eigenvalues), dt)
-
-    def meet_constraints(
-        self,
-        before: MotionState,
-        free: MotionState,
-        dt: float,
-        damping: Damping,
-        targets_at: Callable[[float], PatchTargets],
-    ) -> tuple[MotionState, Array]:
-        """Move a step's end onto the constraints by the modal forces of least work [choi2007, section 4.4].
-
-        ``free`` is the end of a step from ``before`` without them, ``targets_at`` gives targets at a share of the step.
-        The forces act throughout the step, and patches then move with their targets. Where rates are the differences of
-        coordinates, and where a target was not met at the step's beginning, so that it jumps, the forces act at the
-        step's end.
-        """
-        targets = targets_at(1.0)
-        compliance, by_rate = self._impulse(damping, dt)
-        q, residual, jacobian = meet(targets, free.coordinates, compliance, before.coordinates)
-        move = q - free.coordinates
-        if self.integrator.backward or np.abs(targets_at(0.0)(before.coordinates)[0]).max() > CONSTRAINT_MET:
-            rates = free.rates + move / dt
-        else:
-            rates = free.rates + by_rate / compliance * move
-            wanted = (residual - targets_at(1.0 - LEAD)(q)[0]) / (LEAD * dt)
-            rates = rates + np.linalg.lstsq(jacobian, wanted - jacobian @ rates, rcond=REACHED)[0]
-        return MotionState(q, rates, free.memory), targets.lengths(residual)
 
     def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
         """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m)."""

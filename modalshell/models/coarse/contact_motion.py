@@ -58,7 +58,11 @@ class CoarseContactMotion:
         model, under, damping = self._model, self._under, self._setup.damping
 
         def at(start: EulerStart) -> tuple[Any, Array, Array | None]:
-            return under.coarse, under.carried(load_at(start)[0]), None
+            load, drag = load_at(start)
+            if drag is None:
+                return under.coarse, under.carried(load), None
+            coarse, further = under.resisting(*drag, start.expected_rates)
+            return coarse, under.carried(load) + further, None
 
         def free() -> tuple[MotionState, bool, Array]:
             after, solved = model.march(state, dt, load_at, damping)

@@ -228,8 +228,12 @@ class _PressedSteps(LoadedSteps):
 
     def solve(self, start: EulerStart) -> tuple[MotionState, bool]:
         """State at the end, and whether its equations were solved."""
-        self._load = self._load_at(start)[0]
-        problem, scale = self._model.step_problem(start, self._load.ravel() @ self._model.basis.vectors, self._damping)
+        (self._load, drag), model, fall = self._load_at(start), self._model, None
+        if drag is not None:
+            rows = model.rows(drag[0])
+            fall = np.tensordot(rows, drag[1] @ rows, ((0, 1), (0, 1)))
+        push = self._load.ravel() @ model.basis.vectors
+        problem, scale = model.step_problem(start, push, self._damping, fall)
         guess, (begin_at, whole) = start.origin + start.dt * start.rates, self._when
         self._pressing.at(begin_at + start.end * whole)
         stresses = problem.energy.predicted_stresses(start.near, np.zeros_like(guess))
@@ -239,7 +243,11 @@ class _PressedSteps(LoadedSteps):
         reached = self._model.positions_at(found.pressed.q) + found.pressed.local
         self.given += start.dt * self._pressing.touching.forces(reached, found.pressed.pushes)
         self.stays &= np.array_equal(found.pressed.pushes > 0.0, self._was)
-        return start.after(found.pressed.q), found.solved and (self.stays or not self._must)
+        after = start.after(found.pressed.q)
+        if drag is not None:
+            lost = drag[1] @ (rows @ (after.rates - start.expected_rates))[:, :, None]
+            np.subtract.at(self._load, drag[0], lost[:, :, 0])
+        return after, found.solved and (self.stays or not self._must)
 
     def turn(self, coordinates: Array, move: Array) -> float:
         """Largest rotation [rad] of a vertex by a small ``move`` of the coordinates."""
