@@ -131,8 +131,12 @@ def test_its_derivatives_and_its_saved_basis_are_right(tmp_path, monkeypatch):
     slopes = np.diff(np.log10(left), axis=0) / np.diff(np.log10(sizes))[:, None]
     # The series of the energy is good to second order, that of the force to first.
     np.testing.assert_allclose(slopes[-2:], [[3.0, 2.0]] * 2, atol=0.15)
-    basis = ms.solve_modes(shell, 4)
-    assert basis.eigenvalues[0] > ms.solve_modes(ms.Shell(mesh, shell.material, shell.clamped), 4).eigenvalues[0]
+    basis, bare = ms.solve_modes(shell, 4), ms.Shell(mesh, shell.material, shell.clamped)
+    assert basis.eigenvalues[0] > ms.solve_modes(bare, 4).eigenvalues[0]
+    own = [ms.SpringSheet(each).shell.energy(x) for each in (shell, bare)]  # springs stand for the material alone
+    assert own[0] - own[1] == pytest.approx(shell.energy(x) - bare.energy(x), rel=1e-9)
+    with pytest.raises(ms.OptionError, match="conjugate gradients know springs alone"):
+        ms.SpringSheet(shell, integrator="linear_implicit", solver="cg")
     basis.save(tmp_path / "basis.npz")
     loaded = ms.Basis.load(tmp_path / "basis.npz")
     assert loaded.shell.energy(x) == shell.energy(x)

@@ -290,12 +290,15 @@ class TouchingSteps:
         found = touched_frame(self.now.at(time), x, self.pushes, given)
         return found if self.layers is None else found._replace(self_contact=self.layers.least(x))
 
-    def projected(self, x: Array, rates: Array, time: float, dt: float, drag: float = 0.0) -> tuple[Array, Array]:
+    def projected(
+        self, x: Array, rates: Array, time: float, dt: float, drag: float = 0.0, reach: float = 0.0
+    ) -> tuple[Array, Array]:
         """Positions and rates (n, 3) at ``time`` [s] with what entered put onto its collider [bridson2002].
 
         Its speed inward is turned round by the restitution, or removed, and friction lessens the speed
-        along the surface by its coefficient times that change, at most to nothing. ``dt`` is the step [s], and
-        ``drag`` what its equations let drag by the mass take of a change of speed, which the forces overcome.
+        along the surface by its coefficient times that change, at most to nothing. ``dt`` is the step [s],
+        ``drag`` what its equations let drag by the mass take of a change of speed, which the forces overcome, and
+        ``reach`` [s] for how long the step went on at its last change of speed, so that what sticks does not creep.
         """
         touching = self.now = self.now.at(time)
         self._stopping, given = None, rates
@@ -303,10 +306,10 @@ class TouchingSteps:
         rows = touching.binding(x, touching.movable(x, rows))
         if not rows.size:
             return x, rates
-        x, rates = x.copy(), rates.copy()
+        x, rates, back = x.copy(), rates.copy(), np.zeros((rows.size, 3))
         touching.put_on(x, rows, np.zeros(rows.size))
         drift, normals = touching.velocities(x, rows), touching.normals(x, rows)
-        for row, normal, carried in zip(rows, normals, drift, strict=True):
+        for index, (row, normal, carried) in enumerate(zip(rows, normals, drift, strict=True)):
             vertex, contact = touching.vertices[row], touching.contacts[touching.contact_of[row]]
             relative = rates[vertex] - carried
             inward = -float(normal @ relative)
@@ -316,6 +319,10 @@ class TouchingSteps:
                 slip = float(np.linalg.norm(along))
                 kept = max(0.0, 1.0 - contact.friction * change / slip) if slip > 0.0 else 0.0
                 rates[vertex] = carried + kept * along + contact.restitution * inward * normal
+                back[index] = (kept - 1.0) * reach * along
+        if back.any():
+            touching.slide(x, rows, back)
+            touching.put_on(x, rows, np.zeros(rows.size))
         self._stopping = (1.0 + drag) * touching.shell.mass[:, None] * (rates - given) / dt
         return x, rates
 

@@ -284,10 +284,13 @@ class Touching:
             off = gap - left
             if not (np.abs(off) > _ON * self.size).any():
                 break
-            along = self.along(rows, normal)
-            step = along * (off / np.maximum(np.sum(along**2, axis=1), _FREE))[:, None]
-            vertices = self.vertices[rows]
-            np.subtract.at(x, vertices, np.einsum("kij,kj->ki", self._basis[vertices], step))
+            free = np.maximum(np.sum(self.along(rows, normal) ** 2, axis=1), _FREE)
+            self.slide(x, rows, -(off / free)[:, None] * normal)
+
+    def slide(self, x: Array, rows: Index, ways: Array) -> None:
+        """Move the vertices of rows by ``ways`` (k, 3) [m], in place, as far as their supports let them."""
+        vertices = self.vertices[rows]
+        np.add.at(x, vertices, np.einsum("kij,kj->ki", self._basis[vertices], self.along(rows, ways)))
 
     def binding(self, x: Array, rows: Index) -> Index:
         """Those of some rows (k,) inside at x (n, 3) that bind: of almost parallel surfaces of a vertex the deepest.
@@ -319,9 +322,7 @@ class Touching:
         rows = np.flatnonzero(active)
         if not rows.size:
             return 0.0
-        mesh = self.shell.mesh
-        longest = np.zeros(len(x))
-        ends = mesh.edges
+        ends, longest = self.shell.mesh.edges, np.zeros(len(x))
         length = np.linalg.norm(x[ends[:, 0]] - x[ends[:, 1]], axis=1)
         for side in range(2):
             np.maximum.at(longest, ends[:, side], length)

@@ -101,8 +101,10 @@ def selected(name: str, selection: Selection, surface: TriangleMesh | NDArray[np
 
 
 def mixes_masks(given: Any) -> bool:
-    """Whether a list has true or false in it, which among numbers NumPy takes for 1 and 0."""
-    return isinstance(given, list | tuple) and any(isinstance(one, bool | np.bool_) for one in given)
+    """Whether a list, or one within it, has true or false in it, which among numbers NumPy takes for 1 and 0."""
+    return isinstance(given, list | tuple) and any(
+        isinstance(one, bool | np.bool_) or mixes_masks(one) for one in given
+    )
 
 
 def _entries(name: str, given: ArrayLike, count: int | str, error: type[ModalShellError]) -> NDArray[Any]:

@@ -345,7 +345,8 @@ class Recorder:
     def _lost_energy_note(self) -> str:
         """What is said of energy that steps have taken from motion that keeps it; "" of little."""
         motion = self.motion
-        if not self._keeps_energy or motion.setup.damping.any or CREASES in motion.state.memory or len(self.times) < 2:
+        takes = motion.setup.damping.any or motion.shell.has_dashpots or CREASES in motion.state.memory
+        if not self._keeps_energy or takes or len(self.times) < 2:
             return ""
         energies = np.array(self.energies)
         put_in = float(energies[0, :2].sum() + np.ptp(energies[:, 2]))

@@ -84,6 +84,9 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
     if motion is not None and motion.duration < motion.dt:
         least = f"{motion.dt:g} {system.time}"
         raise SceneError(f"{file}: motion.duration: must be at least one step of {least} (got {motion.duration:g})")
+    followed = optional.get("path")
+    if followed is not None and (followed.watch is None) != (followed.direction is None):
+        raise SceneError(f"{file}: path.watch: needs a direction, and a direction vertices to watch")
     model, sheet = chosen(file, "model", raw["model"], "name", model_tables()), raw["material"]
     declared: dict[str, Any] = optional | {
         "name": name,

@@ -30,7 +30,7 @@ from modalshell.core.short_repr import short_repr
 from modalshell.core.thread_safety import ReadOnlyArrays, read_only, read_only_copy
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
-from modalshell.mesh.selection import Selection, checked_selection, selected
+from modalshell.mesh.selection import Selection, checked_selection, mixes_masks, selected
 from modalshell.mesh.topology import numbers_of_edges
 
 _SWEEPS = 200
@@ -74,8 +74,8 @@ class Crease(ReadOnlyArrays):
         pairs = not isinstance(self.sel, str) and np.ndim(self.sel) == 2
         if pairs:
             entries = as_array("sel", self.sel, "pairs of vertices (k, 2)", OptionError, "iu")
-            if entries.shape[1] != 2 or not entries.size:
-                raise OptionError(f"sel must be vertices, or pairs of vertices (k, 2) (got shape {entries.shape})")
+            if entries.shape[1] != 2 or not entries.size or mixes_masks(self.sel):
+                raise OptionError(f"sel must be vertices, or pairs of vertices (k, 2) (got {shown(self.sel)})")
             object.__setattr__(self, "sel", read_only_copy(entries))
         else:
             object.__setattr__(self, "sel", checked_selection("sel", self.sel))

@@ -38,10 +38,15 @@ def energy_of(
     held: NDArray[np.bool_],
 ) -> ElasticEnergy:
     """Elastic energy of a material on a mesh, with further ``energies``."""
-    further = [_elements(energy, mesh) for energy in energies]
+    further = further_elements(energies, mesh)
     if isinstance(material, Sheet):
         return SplitFoldEnergy(mesh, material, slopes, further, held)
     return ElementSum([*element_sets(mesh, material, held, slopes), *further], len(mesh.vertices))
+
+
+def further_elements(energies: Sequence[Energy], mesh: TriangleMesh) -> list[ElementSet]:
+    """Elements of each of some further ``energies``."""
+    return [_elements(energy, mesh) for energy in energies]
 
 
 def _elements(energy: Energy, mesh: TriangleMesh) -> ElementSet:

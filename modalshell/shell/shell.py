@@ -22,7 +22,7 @@ from modalshell.shell.creases import Crease, CreaseSet, CreaseState
 from modalshell.shell.demands import demand_shell
 from modalshell.shell.elastic_energy import EXACT, ElasticEnergy
 from modalshell.shell.elements import ElementSet, ElementSum, Energy
-from modalshell.shell.energies_of import checked_energies, energy_of
+from modalshell.shell.energies_of import checked_energies, energy_of, further_elements
 from modalshell.shell.energy_access import EnergyAccess
 from modalshell.shell.fields import BARE_SHEET, ShellFields, flat_triangles, refuse_collapse
 from modalshell.shell.material import Material
@@ -204,12 +204,12 @@ class Shell(EnergyAccess):
         return further
 
     def with_elements(self, elements: list[ElementSet]) -> Shell:
-        """The same vertices, masses and supports under other energies, such as those of springs."""
+        """The same vertices, masses, supports and further energies, with other elements than its material's."""
         if self._slopes.mirrored.size:
             raise SupportError("springs across hinges know no plane of symmetry: take a mesh of the whole surface")
         other = copy.copy(self)
-        other.energies = ()
-        other._energy = ElementSum(elements, len(self.rest_positions))
+        further = further_elements(self.energies, self.rest_mesh)
+        other._energy = ElementSum([*elements, *further], len(self.rest_positions))
         other._support(self.unknowns)
         return other
 

@@ -18,7 +18,7 @@ from modalshell.springs.springs import Springs
 
 @final
 class SpringSheet(FullModel):
-    """Springs in place of the shell's energies; statics, integrators and constraints are those of DS.
+    """Springs in place of the material's energies; statics, integrators and constraints are those of DS.
 
     Springs along the edges resist stretch and shear as those of a discrete shell do, less the area energy. Springs
     across hinges resist bending only at second order: the energy of a *flat* sheet grows with the fourth power of the
@@ -29,7 +29,7 @@ class SpringSheet(FullModel):
     Parameters
     ----------
     shell : Shell
-        Mesh, masses and supports; its energies too where ``springs`` are not given.
+        Mesh, masses, supports and further energies; that of its material too where ``springs`` are not given.
     springs : Springs, optional
         Springs between the mesh's vertices; by default those of :func:`modalshell.springs.shell_springs`.
     integrator : str or FullIntegrator
@@ -85,6 +85,8 @@ class SpringSheet(FullModel):
         if solver == "cg":
             if rule.key != LinearImplicitEuler.key:
                 raise OptionError(f"conjugate gradients serve integrator='linear_implicit' only (got {rule.key!r})")
+            if shell.energies:
+                raise OptionError("conjugate gradients know springs alone (got energies): take solver='factor'")
             rule = ConjugateGradientEuler(self.springs, shell, self.iterations)
         super().__init__(
             shell.with_elements([self.springs.element_set()]),

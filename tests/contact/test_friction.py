@@ -86,6 +86,17 @@ def test_steps_divided_by_a_tolerance_creep_no_faster_than_whole_ones(rung):
     assert 0.2 * told * 0.05 < way < 0.51 * told * 0.05  # at 1 - sqrt(1 - 3/4) of what is told
 
 
+@pytest.mark.parametrize("rule", ["linear_implicit", "explicit", "verlet"])
+def test_what_sticks_is_put_back_where_it_was(rule):
+    """Friction stopped the speed along the surface at each step's end alone: what stuck crept at dt g sin(slope)."""
+    slope = np.arctan(0.75 * MU)
+    gravity = 9.81 * np.array([np.sin(slope), 0.0, -np.cos(slope)])
+    shell = ms.Shell(ms.flat_beam(length=1.0, width=1.0, cells=(2, 2)), ms.Material(20.0, 20.0, 1e-3, 1.0))
+    model, contact = ms.DiscreteShell(shell, integrator=rule), ms.Contact(ms.Plane(), friction=MU)
+    run = ms.simulate(model, duration=0.05, dt=STEP, gravity=gravity, contacts=[contact])
+    assert np.abs(run.positions[-1] - run.positions[0]).max() < 1e-3 * STEP * gravity[0] * 0.05
+
+
 def fall(thickness=1e-3, **options):
     """Motion of a strip that falls onto its end, and then over."""
     shell = strip(thickness)

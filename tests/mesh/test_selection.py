@@ -92,7 +92,9 @@ def test_points_have_no_parts(text):
         select_vertices(text, np.zeros((3, 3)))
 
 
-@pytest.mark.parametrize("chosen", [[0, 1, 1, 0], [[True, False], [True, True]], [True, False], [9], [0.5]], ids=repr)
+@pytest.mark.parametrize(
+    "chosen", [[0, 1, 1, 0], [[True, False], [True, True]], [[0, True]], [True, False], [9], [0.5]], ids=repr
+)
 def test_entries_that_are_no_vertices_are_refused(chosen):
     square = sheet(cells=(1, 1))
     with pytest.raises(OptionError, match=r"^sel "):

@@ -101,6 +101,17 @@ def test_discrete_shells_end_as_rigid_copies(material, supports, end):
     assert run.energies[-1, 1] < 1e-6 * run.energies[:, 1].max()
 
 
+@pytest.mark.parametrize("integrator", ["composite", "bdf2", "linear_implicit"])
+def test_supports_that_move_evenly_from_before_the_start_are_at_rest(integrator):
+    """DS began at rest in the world, which jerked it; models that move in the frame of supports began at theirs."""
+    shell, times, speed = shell_of(ISOTROPIC, "clamped row"), np.linspace(-30.0, 30.0, 61), np.array([0.7, 0.2, -0.3])
+    model, given = ms.DiscreteShell(shell, integrator=integrator), {"gravity": (0.0, 0.0, -1.0), "dt": 0.01}
+    path = ms.SupportPath(times, np.outer(times, speed))
+    still, moved = (ms.simulate(model, duration=0.05, supports=each, **given) for each in (None, path))
+    way = np.outer(still.times, speed)[:, None]
+    np.testing.assert_allclose(moved.positions, still.positions + way, atol=1e-12)
+
+
 def cases_by_turns():
     """Every model on every support, of one material or the other."""
     keys = [key for key, spec in MODELS.items() if spec.bends]

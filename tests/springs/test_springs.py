@@ -388,6 +388,10 @@ def test_dashpots_damp_strain_rates_only():
     rigid = np.cross([0.3, -1.0, 0.5], x) + np.array([1.0, 2.0, 3.0])
     assert np.abs(shell.damping_force(x, rigid, 0.02)).max() < 1e-13
     assert np.vdot(force, v) < 0.0
+    model = grid_model(grid, integrator="verlet")
+    run = ms.simulate(model, duration=0.2, dt=0.5 * model.stable_step(), start=x)
+    assert run.energies[-1].sum() < 0.8 * run.energies[0].sum()
+    assert "steps have taken" not in run.message  # dashpots have
 
 
 def test_scenes_name_the_springs(scene_file):

@@ -384,7 +384,8 @@ class FullModel(Model):
     def placed(self, state: MotionState, pose: Pose) -> MotionState:
         """``state`` moved with the supports: positions, rates and the integrator's memory."""
         turned = {name: kept @ pose.rotation.T if kept.ndim == 2 else kept for name, kept in state.memory.items()}
-        return MotionState(pose.to_world(state.coordinates), state.rates @ pose.rotation.T, turned)
+        rates = pose.world_velocities(state.coordinates, state.rates)
+        return MotionState(pose.to_world(state.coordinates), rates, turned)
 
     def step(
         self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
