@@ -43,5 +43,5 @@ def draw(results: Path, folder: Path) -> Path:
         named = ", ".join(MOVED[problem][column] for column in from_above)
         order = ", from above at the end" if len(from_above) > 1 else ""
         title = f"{problem} {findings['names'][problem]}{order}: {named}"
-        panels.append(Panel(curves, title, "share of the load", "displacement"))
+        panels.append(Panel(curves, title, "share of the load", "displacement [units of the publication]"))
     return draw_curves(panels, folder / "large_deflection_benchmarks.png", columns=3)

@@ -19,7 +19,7 @@ from scipy.optimize import brentq
 import modalshell as ms
 from modalshell.core.typing import Progress
 from modalshell.files.study_result import StudyResult
-from studies.pages import markdown, paragraphs, result_of
+from studies.pages import at_most, markdown, paragraphs, result_of
 from studies.shell_theory import ENERGIES, FAMILIES, Sheet, crossed, flat_shell, rows_of
 
 FIGURES = ("cantilever_master_curve",)
@@ -131,6 +131,6 @@ def finding(result: StudyResult) -> str:
     )
     return (
         f"A strip without Poisson effect bends one way, and both energies follow the heavy elastica over four decades "
-        f"of load: the tip of Isotropic shells is off by {split:.2g} % of the length at most, without any calibration, "
-        f"that of calibrated hinges by {hinges:.2g} %."
+        f"of load: the tip of Isotropic shells is off by {at_most(split)} % of the length at most, without any "
+        f"calibration, that of calibrated hinges by {at_most(hinges)} %."
     )

@@ -31,7 +31,7 @@ from modalshell.compare.engines.engine import ask
 from modalshell.core.typing import Progress
 from modalshell.files.study_result import StudyResult
 from studies.identification import swept_mesh
-from studies.pages import counted, markdown, paragraphs, result_of
+from studies.pages import at_most, counted, markdown, paragraphs, result_of
 from studies.plate_frequencies import reference
 from studies.shell_theory import displacements_at
 from studies.v_beam_truth import RUNGS, SHEET, SNAPPING, beam, references
@@ -115,7 +115,7 @@ def strip(coarse: bool) -> Scene:
 
     gravities = np.outer([unit * load for load in ELASTICA], (0.0, 0.0, -1.0))
     shell = ms.Shell(mesh, sheet(STRIP), mesh.vertices[:, 0] < 1e-9)
-    return Scene("elastica strip at 1, 3 and 10", "heavy elastica", shell, gravities, error)
+    return Scene("elastica strip, Γ 1, 3 and 10", "heavy elastica", shell, gravities, error)
 
 
 def v_beam(index: int, gammas: Sequence[float], coarse: bool) -> Scene:
@@ -264,17 +264,23 @@ def finding(result: StudyResult) -> str:
     """The largest errors of each engine that counts, and what did not count."""
     rows = result.findings["rows"]
     worst: dict[str, float] = {}
+    unanswered: dict[str, int] = {}
     for row in rows:
+        if missing := sum(error is None for error in row.get("errors", ())):
+            unanswered[row["engine"]] = unanswered.get(row["engine"], 0) + missing
         errors = [error for error in row.get("errors", ()) if error is not None]
         if errors:
             worst[row["engine"]] = max(worst.get(row["engine"], 0.0), *errors)
     ordered = sorted(worst.items(), key=lambda pair: pair[1])
-    *others, last = (f"{float(f'{100 * error:.2g}'):,g} % with {engine}" for engine, error in ordered)
+    without = {engine: f" (no answer to {count} of its loads)" for engine, count in unanswered.items()}
+    *others, last = (
+        f"{float(at_most(100 * error)):,g} % with {engine}{without.get(engine, '')}" for engine, error in ordered
+    )
     told = f"{', '.join(others)} and {last}" if others else last
     left = dict.fromkeys(row["engine"] for row in rows if row["engine"] not in worst)
     off = max(abs(one) for row in result.findings["plates"] for one in row.get("deviations", ()))
     counted = f"Not counted: {', '.join(left)}." if left else "Every engine's conversion held."
     return (
         f"Over five scenes under their weight the largest error is {told}. Plate frequencies are within "
-        f"{100 * off:.2g} % of Ritz's method. {counted}"
+        f"{at_most(100 * off)} % of Ritz's method. {counted}"
     )

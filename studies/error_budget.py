@@ -20,7 +20,7 @@ import modalshell as ms
 from modalshell.core.typing import Progress
 from modalshell.files.study_result import StudyResult
 from modalshell.models.registry import MODELS as MODEL_SPECS
-from studies.pages import markdown, result_of
+from studies.pages import at_most, markdown, result_of
 from studies.shell_theory import ENERGIES, Sheet, columns, crossed, displacements_at, flat_shell, rows_of
 
 FIGURES = ("error_budget", "shell_theory_errors", "shell_theory_shapes")
@@ -166,7 +166,7 @@ def finding(result: StudyResult) -> str:
 
     def largest(load: float, head: str) -> str:
         chosen = [row for row in rows if row["case"] != "strip, one way" and row["load"] == load]
-        return f"{max(100 * row['models']['mwts'][head] for row in chosen):.2g} %"
+        return f"{at_most(max(100 * row['models']['mwts'][head] for row in chosen))} %"
 
     larger = sum(row["hinges"] > row["models"]["mwts"]["modes and warp"] for row in rows)
     hinges, theory = ([largest(load, f"on {head}") for load in (0.2, 1.0)] for head in ("hinges", "shell theory"))

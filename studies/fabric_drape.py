@@ -18,7 +18,7 @@ from modalshell.core.typing import Array, Progress
 from modalshell.files.study_result import StudyResult
 from modalshell.shell.cards import GRAVITY, bending_length
 from studies.drape_family import annulus, cloth, coefficient, hung
-from studies.pages import counted, markdown, paragraphs, result_of
+from studies.pages import at_most, counted, markdown, paragraphs, result_of
 
 FIGURES = ("fabric_drape",)
 FABRICS = {
@@ -155,10 +155,14 @@ def finding(result: StudyResult) -> str:
     edge = min(row["edge"] for row in result.findings["rows"])
     rows = [row for row in result.findings["rows"] if row["edge"] == edge and row["discs"] == "Cusick"]
     off = ", ".join(f"{row['fabric']} {100.0 * row['off']:+.0f}" for row in rows)
-    stuck = max(result.findings["fabrics"], key=lambda row: float(row["friction"]))
+    seen = {row["fabric"]: row["folds"] for row in result.findings["fabrics"]}
+    found, wanted = (
+        ", ".join(map(str, own)) for own in zip(*((r["folds"], seen[r["fabric"]]) for r in rows), strict=True)
+    )
+    friction = sorted((row["friction"], row["fabric"]) for row in result.findings["fabrics"])
+    (most, stuck), others = friction[-1], friction[-2][0]
     return (
-        f"By bending stiffness and weight alone, with nothing fitted, the drape coefficients are off by {off} points. "
-        f"The friction of bending, which is left out, is {100.0 * stuck['friction']:.0f} % of a strip's moment in "
-        f"{stuck['fabric']} and at most "
-        f"{100.0 * max(row['friction'] for row in result.findings['fabrics'] if row is not stuck):.0f} % in the others."
+        f"By bending stiffness and weight alone, with nothing fitted, the drape coefficients are off by {off} points, "
+        f"and there are {found} folds where {wanted} were measured. The friction of bending, which is left out, is "
+        f"{100.0 * most:.0f} % of a strip's moment in {stuck} and at most {at_most(100.0 * others, 1)} % in the others."
     )

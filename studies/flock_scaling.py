@@ -102,7 +102,7 @@ def table(result: StudyResult) -> str:
         f"A boid costs {found['boid_growth']:.2f} times as much in the largest flock as among 1,000, where more "
         f"fly at the edge and each has {found['neighbour_growth']:.2f} times fewer neighbours. Trying all pairs "
         f"grows with N to the power {found['pairs_exponent']:.2f} at the end.",
-        "Thousands of instances of the paper bird a second, eight modes. The bounds: the products Phi q and Psi q "
+        "Thousands of instances of the paper bird a second, eight modes. For comparison: the products Phi q and Psi q "
         "over the whole batch by BLAS, and writing the positions alone. Placed instances have a rotation and "
         "translation each; the last column is MWTS over the products.",
         markdown(
@@ -128,5 +128,5 @@ def finding(result: StudyResult) -> str:
         f"Among {grid['boids']:,} boids a grid of cells finds neighbours {grid['steps_per_second'] / pairs:.1f} times "
         f"as fast as trying all pairs. Of {large['instances']:,} birds of {large['vertices']:,} vertices one thread "
         f"computes {large['per_second_mwts'] / 1e3:.0f} thousand MWTS shapes a second in float64, "
-        f"{large['ratio_products']:.2f} times as many as the two matrix products alone allow."
+        f"{large['ratio_products']:.2f} times as many as the two matrix products alone take by BLAS."
     )

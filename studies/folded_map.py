@@ -24,7 +24,7 @@ PANELS, PANEL, WIDTH = 4, 0.1, 0.15
 """Number, length and width of the panels [m]."""
 PAPER = {"young": 2.5e9, "poisson": 0.3, "thickness": 1e-4, "density": 800.0}
 LIMIT, HARDENING = 2e-4, 5e-5
-"""Yield moment [N], and hardening [N/rad], of the creases."""
+"""Yield moment [N], and hardening [N], of the creases."""
 FOLD, SECONDS = 130.0, 1.0
 """Fold to which the map is led [deg], and how long that takes [s]."""
 CELLS = (2, 4)

@@ -209,11 +209,13 @@ def table(result: StudyResult) -> str:
 
 def finding(result: StudyResult) -> str:
     """How near the buckling is, and what the grown leaf looks like."""
-    strips, last = result.findings["strips"], result.findings["leaves"][-1]["rows"][-1]
+    strips = result.findings["strips"]
+    *coarser, last = (leaf["rows"][-1] for leaf in result.findings["leaves"])
+    on_fewer = "".join(f"{one['waves']:.1f} and {100.0 * one['followed']:.0f} %" for one in coarser[-1:])
     off = ", ".join(f"{100.0 * (row['found'] - 1.0):.1f}" for row in strips)
     cells = ", ".join(str(row["cells"]) for row in strips)
     return (
         f"A strip's growth at buckling is {off} % above plate theory's with {cells} cells across. At a growth of "
         f"{100.0 * last['growth']:.0f} % the leaf's margins make {last['waves']:.1f} waves each and follow "
-        f"{100.0 * last['followed']:.0f} % of it."
+        f"{100.0 * last['followed']:.0f} % of it{f', on half as many cells {on_fewer}' if on_fewer else ''}."
     )

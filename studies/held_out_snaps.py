@@ -23,7 +23,7 @@ from modalshell.core.typing import Progress
 from modalshell.files.study_result import StudyResult
 from modalshell.models.coarse.coarse_mesh import drawn_to_supports
 from modalshell.models.hybrid.training import LOADED, RELEASED, random_damping, random_load
-from studies.pages import counted, markdown, paragraphs, result_of
+from studies.pages import at_most, counted, markdown, paragraphs, result_of
 from studies.snap import v_beam
 
 FIGURES = ("held_out_snaps",)
@@ -220,7 +220,7 @@ def finding(result: StudyResult) -> str:
     after = max(row["fine"] for row in found["equilibria"] if row["gravity"] > 50.0)
     half, most = (quantiles(found, share) for share in (0.5, 0.9))
     return (
-        f"Through the snap of the stiff V-beam the hybrid is {percent(worst, '.2g')} off fine DS at most in "
+        f"Through the snap of the stiff V-beam the hybrid is {at_most(100 * worst)} % off fine DS at most in "
         f"{len(named)} named motions with either damping, {percent(after, '.2g')} at rest after it. Of "
         f"{len(found['rows']) - len(named)} loads drawn by a seed half are within {percent(half['coarse'], '.2g')} of "
         f"the coarse shell that trained it ({percent(half['fine'], '.2g')} of fine DS), 90 % within "

@@ -27,7 +27,7 @@ from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotations
 from modalshell.models.base.modal import ModalModel
 from modalshell.motion import Motion
-from studies.pages import counted, markdown, paragraphs, result_of
+from studies.pages import at_most, counted, markdown, paragraphs, result_of
 
 FIGURES = ("integrator_drift",)
 
@@ -255,5 +255,5 @@ def finding(result: StudyResult) -> str:
     closed = max(largest_of_closed_form(found[scene][path]) for scene in LOADS for path in PATHS)
     return (
         f"After one cycle of two loads out of phase the warp that is summed step by step is off the rest shape by "
-        f"{' and '.join(limits)} however small the step; the closed form returns to it within {closed:.0e}."
+        f"{' and '.join(limits)} however small the step; the closed form returns to it within {at_most(closed, 1)}."
     )

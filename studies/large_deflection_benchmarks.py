@@ -23,7 +23,7 @@ import modalshell as ms
 from modalshell.core.typing import Progress
 from modalshell.files.study_result import StudyResult
 from modalshell.supports import Support
-from studies.pages import markdown, paragraphs, result_of
+from studies.pages import at_most, markdown, paragraphs, result_of
 from studies.shell_theory import FAMILIES, crossed, near, quarter_cylinder, rows_of, spread, square
 
 FIGURES = ("large_deflection_benchmarks",)
@@ -288,7 +288,11 @@ def table(result: StudyResult) -> str:
         "{problem} | {mesh} | {share:g} | {found} | {published} | {error:100*.2f}",
         rows,
     )
-    return paragraphs(largest, every)
+    words = (
+        "Displacements are in the units of the publication. An error is the largest difference at a load over the "
+        "largest displacement: a small one may be off by more of itself."
+    )
+    return paragraphs(words, largest, every)
 
 
 def finding(result: StudyResult) -> str:
@@ -302,8 +306,8 @@ def finding(result: StudyResult) -> str:
     worst, size = max(before.items(), key=lambda pair: pair[1])
     told = (
         f"On the benchmarks of Sze, Liu and Lo, three mesh families each, Isotropic shells are within "
-        f"{100 * size:.2g} % at all loads up to a snap (largest: {worst.removesuffix(', up to its snap')})"
+        f"{at_most(100 * size)} % at all loads up to a snap (largest: {worst.removesuffix(', up to its snap')})"
     )
     if beyond:
-        told += f", and within {100 * max(beyond.values()):.2g} % beyond it"
-    return told + (f"; loads of snaps are met within {100 * max(snaps.values()):.2g} %." if snaps else ".")
+        told += f", and within {at_most(100 * max(beyond.values()))} % beyond it"
+    return told + (f"; loads of snaps are met within {at_most(100 * max(snaps.values()))} %." if snaps else ".")

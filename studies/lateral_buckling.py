@@ -23,10 +23,9 @@ from scipy.linalg import eigvalsh
 from scipy.optimize import brentq
 
 import modalshell as ms
-from modalshell.compare.report import percent
 from modalshell.core.typing import Progress
 from modalshell.files.study_result import StudyResult
-from studies.pages import markdown, result_of
+from studies.pages import at_most, markdown, result_of
 from studies.shell_theory import ENERGIES, FAMILIES, Sheet, columns, crossed, finite_elements, flat_shell, rows_of
 
 FIGURES = ("lateral_buckling",)
@@ -174,11 +173,13 @@ def finding(result: StudyResult) -> str:
     solid, beam = [row for row in rows if row["gamma"] is not None], [row for row in rows if row["width"] == 0.05]
 
     def largest(energy: str, reference: Callable[[dict[str, Any]], float | None]) -> str:
-        return percent(max(abs(off(row, reference(row)) or 0.0) for row in solid if row["energy"] == energy), ".2g")
+        return (
+            f"{at_most(100 * max(abs(off(row, reference(row)) or 0.0) for row in solid if row['energy'] == energy))} %"
+        )
 
     def above(support: str) -> str:
         own = [off(row, row["narrow"]) for row in beam if (row["energy"], row["support"]) == ("Isotropic", support)]
-        return percent(max((one for one in own if one is not None), default=None), ".2g")
+        return f"{at_most(100 * max((one for one in own if one is not None), default=0.0))} %"
 
     return (
         f"Clamped strips of width 0.05 to 0.4 buckle sideways within {largest('Isotropic', thin)} of thin finite "

@@ -16,7 +16,7 @@ import modalshell as ms
 from modalshell.compare.report import percent
 from modalshell.core.typing import Progress
 from modalshell.files.study_result import StudyResult
-from studies.pages import counted, markdown, result_of
+from studies.pages import at_most, counted, markdown, result_of
 
 FIGURES = ("figure_7",)
 
@@ -143,6 +143,6 @@ def finding(result: StudyResult) -> str:
     errors = [100 * row["error"] for row in rows if "error" in row]
     return (
         f"All {len(rows)} targets of position and orientation are met in motion within "
-        f"{max(row['motion_residual'] for row in rows):.0e} (m, rad). Shapes "
+        f"{at_most(max(row['motion_residual'] for row in rows), 1)} (m, rad). Shapes "
         f"under the same position target are {min(errors):.0f} to {max(errors):.0f} % off DS."
     )

@@ -25,7 +25,7 @@ from modalshell.core.typing import Progress
 from modalshell.files.study_result import StudyResult
 from modalshell.mesh.lloyd import delaunay_faces, relax_in_rectangle
 from modalshell.supports import Support
-from studies.pages import markdown, paragraphs, result_of
+from studies.pages import at_most, markdown, paragraphs, result_of
 from studies.shell_theory import ENERGIES, Sheet, crossed, flat_shell, plate, rows_of
 
 FIGURES = ("mesh_bias",)
@@ -192,17 +192,17 @@ def finding(result: StudyResult) -> str:
     rows = result.findings["rows"]
     finest = max(row["cells"] for row in rows)
 
-    def largest(problem: str, energy: str) -> float:
+    def largest(problem: str, energy: str) -> str:
         chosen = [row for row in rows if (row["cells"], row["problem"], row["energy"]) == (finest, problem, energy)]
-        return 100 * max(row["error"] for row in chosen)
+        return at_most(100 * max(row["error"] for row in chosen))
 
     slopes = {name: slope["order"] for name, slope in result.findings["orders"].items()}
     last = slopes.pop("random")
     return (
         f"With {finest} cells a side the deflection of a supported plate is at most "
-        f"{largest('supported', 'Isotropic'):.2g} % off with Isotropic shells on {len(MESHES)} kinds of mesh, random "
+        f"{largest('supported', 'Isotropic')} % off with Isotropic shells on {len(MESHES)} kinds of mesh, random "
         f"ones among them; waves converge with order {min(slopes.values()):.2f} to {max(slopes.values()):.2f}, on "
         f"random points with {last:.2f}, not yet asymptotic; pure twist is exact to "
-        f"{largest('twisted', 'Isotropic'):.1g} %. Calibrated hinges are off by up to "
-        f"{largest('supported', 'hinges'):.2g} and {largest('twisted', 'hinges'):.2g} %, refined or not."
+        f"{largest('twisted', 'Isotropic')} %. Calibrated hinges are off by up to "
+        f"{largest('supported', 'hinges')} and {largest('twisted', 'hinges')} %, refined or not."
     )

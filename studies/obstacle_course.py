@@ -29,7 +29,7 @@ from modalshell.core.typing import Progress
 from modalshell.files.study_result import StudyResult
 from modalshell.supports import Support
 from studies.large_deflection_benchmarks import GRADING, Problem, Y, Z, eighth_of_cylinder, hemisphere
-from studies.pages import markdown, result_of
+from studies.pages import at_most, markdown, result_of
 from studies.shell_theory import FAMILIES, near, plate, quarter_cylinder, rows_of, spread, square
 
 FIGURES = ("obstacle_course",)
@@ -335,7 +335,7 @@ def finding(result: StudyResult) -> str:
     missed = [name for name, value in largest.items() if value > PROBLEMS[name].bound]
     words = f"aims are missed by: {', '.join(missed)}" if missed else "every aim is met"
     return (
-        f"On the finer meshes of three families Isotropic shells are within {100 * shown[0][0]:.2g} % on all of "
-        f"{len(shown)} problems of the obstacle course (largest: {shown[0][1]}), within {middle:.2g} % on "
+        f"On the finer meshes of three families Isotropic shells are within {at_most(100 * shown[0][0])} % on all of "
+        f"{len(shown)} problems of the obstacle course (largest: {shown[0][1]}), within {at_most(middle)} % on "
         f"half of them; {words}."
     )

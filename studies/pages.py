@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from decimal import ROUND_CEILING, Context
 from pathlib import Path
 from string import Formatter
 from typing import Any, TypeVar
@@ -79,6 +80,11 @@ def markdown(headings: str, cells: str, rows: Iterable[Mapping[str, Any]]) -> st
     """
     rule = "|" + "---|" * (headings.count(" | ") + 1)
     return "\n".join([f"| {headings} |", rule, *(f"| {_Cells().vformat(cells, (), row)} |" for row in rows)])
+
+
+def at_most(value: float, digits: int = 2) -> str:
+    """A bound as text, rounded up: nothing within it is beyond what is written."""
+    return f"{float(Context(digits, ROUND_CEILING).create_decimal(f'{value:.9g}')):g}"
 
 
 def paragraphs(*parts: str) -> str:

@@ -22,7 +22,7 @@ from scipy.optimize import linear_sum_assignment
 import modalshell as ms
 from modalshell.core.typing import Progress
 from modalshell.files.study_result import StudyResult
-from studies.pages import markdown, paragraphs, result_of
+from studies.pages import at_most, markdown, paragraphs, result_of
 from studies.shell_theory import (
     ENERGIES,
     FAMILIES,
@@ -206,7 +206,7 @@ def finding(result: StudyResult) -> str:
     def largest(energy: str, name: str) -> str:
         own = [row for row in rows if (row["energy"], row["supports"]) == (energy, name)]
         finest = max(row["cells"] for row in own)
-        return f"{100 * max(np.abs(row['errors']).max() for row in own if row['cells'] == finest):.2g}"
+        return at_most(100 * max(np.abs(row["errors"]).max() for row in own if row["cells"] == finest))
 
     split, hinges = (", ".join(largest(energy, name) for name in SUPPORTS) for energy in ENERGIES)
     panel, beam = (" and ".join(largest(energy, name) for energy in ENERGIES) for name in SHELLS)

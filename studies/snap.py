@@ -19,11 +19,10 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.compare.path import Marks
-from modalshell.compare.report import percent
 from modalshell.core.typing import Progress
 from modalshell.files.study_result import StudyResult
 from studies.elastica_frame import LOADED_AT, frame_path, limit_loads
-from studies.pages import counted, markdown, paragraphs, result_of
+from studies.pages import at_most, counted, markdown, paragraphs, result_of
 from studies.tape_spring import moments, plateau_start, tape_spring
 
 FIGURES = ("snap",)
@@ -239,7 +238,7 @@ def finding(result: StudyResult) -> str:
     found = result.findings
 
     def worst(name: str) -> str:
-        return percent(max(one["off"] for one in found["checks"] if one["case"].startswith(name)), ".2g")
+        return f"{at_most(100 * max(one['off'] for one in found['checks'] if one['case'].startswith(name)))} %"
 
     strip = {one["model"]: one for one in found["curves"] if one["case"] == "V 150°"}
     blind = [name.split()[0] for name, one in strip.items() if "twisted" not in name and one["snap"] is None]

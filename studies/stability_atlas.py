@@ -39,7 +39,7 @@ from modalshell.motion import Motion
 from modalshell.motion.recorder import Recorder
 from studies import stability_limits as limits
 from studies import stability_models as models
-from studies.pages import counted, markdown, paragraphs, result_of
+from studies.pages import at_most, counted, markdown, paragraphs, result_of
 from studies.stability_models import BASE, ROWS, IntegratedModel, StripScene
 
 FIGURES = ("stability_atlas",)
@@ -393,5 +393,6 @@ def finding(result: StudyResult) -> str:
     ratios = [limit["ratio"] for limit in result.findings["limits"] if limit["ratio"] is not None]
     return (
         f"{len(ratios)} limits of stable steps and loads have a theory; small motion meets each within "
-        f"{100 * max(abs(ratio - 1.0) for ratio in ratios):.1f} %. The page says what to check before choosing a step."
+        f"{at_most(100 * max(abs(ratio - 1.0) for ratio in ratios), 1)} %. The page says what to check before choosing "
+        "a step."
     )

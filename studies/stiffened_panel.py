@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import modalshell as ms
-from modalshell.compare.report import percent
 from modalshell.core.typing import Progress
 from modalshell.files.study_result import StudyResult
 from studies.frame_meshes import Place, cellular_box, frame, joined, strip
-from studies.pages import markdown, result_of
+from studies.pages import at_most, markdown, result_of
 from studies.shell_theory import crossed, rows_of
 
 FIGURES = ("stiffened_panel",)
@@ -163,14 +162,14 @@ def finding(result: StudyResult) -> str:
 
     def largest(cells: int, *shapes: str) -> str:
         own = [abs(row["found"] - 1.0) for row in rows if row["cells"] == cells and row["shape"] in shapes]
-        return percent(max(own, default=None), ".2g")
+        return f"{at_most(100 * max(own))} %" if own else "-"
 
     finest = max(row["cells"] for row in rows)
     middle = min(16, finest)
     return (
         f"T and cross frames are within {largest(middle, *FRAMES)} of the plane frame at {middle} cells a strip, "
         f"{largest(finest, *FRAMES)} at {finest}, on {len({row['mesh'] for row in rows})} mesh families; a tube with "
-        f"webs twists within {largest(middle, 'tube with webs')} of Bredt's formula, and a plate with a rib sags "
+        f"webs twists within {largest(finest, 'tube with webs')} of Bredt's formula, and a plate with a rib sags "
         f"within {largest(finest, 'plate with a rib')} of a beam of T section. Cut off its rib the plate would sag "
         f"{result.findings['cut']:,.0f} times as much."
     )

@@ -163,13 +163,13 @@ def table(result: StudyResult) -> str:
 def finding(result: StudyResult) -> str:
     """How many give a film, with and without repair, and how long the slowest took."""
     rows = result.findings["rows"]
-    plain = sum(row["plain"]["film"] for row in rows)
+    plain, mended = (sum(row[way]["film"] for row in rows) for way in ("plain", "mended"))
     others = [row["name"] for row in rows if not row["plain"]["film"] and not row["mended"]["film"]]
     slowest = max(row[way]["seconds"] for row in rows for way in ("plain", "mended"))
     packages = len({row["name"].partition(":")[0] for row in rows})
     left = f"; none comes of {', '.join(others)}" if others else ""
     return (
         f"One command without options makes a sensible film of {plain} of {len(rows)} meshes of {packages} other "
-        f"packages, with `--repair` of {len(rows) - len(others)}{left}. The slowest took {slowest:.0f} s of one core; "
-        f"the largest mesh has {max(row['triangles'] for row in rows):,} triangles."
+        f"packages, with `--repair` of {mended}, one or the other of {len(rows) - len(others)}{left}. The slowest took "
+        f"{slowest:.0f} s of one core; the largest mesh has {max(row['triangles'] for row in rows):,} triangles."
     )

@@ -19,7 +19,7 @@ import numpy as np
 import modalshell as ms
 from modalshell.core.typing import Progress
 from modalshell.files.study_result import StudyResult
-from studies.pages import markdown, paragraphs, result_of
+from studies.pages import at_most, markdown, paragraphs, result_of
 from studies.shell_theory import (
     ENERGIES,
     FAMILIES,
@@ -203,7 +203,7 @@ def finding(result: StudyResult) -> str:
     before = [row for row in rows if row["beam"] != SNAPPING or row["gamma"] < PAST]
 
     def largest(model: str, energy: str) -> str:
-        return f"{100 * max(row['error'] for row in before if (row['model'], row['energy']) == (model, energy)):.2g}"
+        return at_most(100 * max(row["error"] for row in before if (row["model"], row["energy"]) == (model, energy)))
 
     whole, warped = ([largest(model, energy) for energy in ENERGIES] for model in (WHOLE, "mwts"))
     limits = [first_event(snaps.get(energy, []), "limit") for energy in ENERGIES]
@@ -214,5 +214,5 @@ def finding(result: StudyResult) -> str:
         f"of the wide beam flattens at Γ = {limits[0]} with Isotropic shells, {limits[1]} with "
         "hinges, 2.2 to 2.3 with finite elements; Isotropic shells leave the plane of symmetry before, at "
         f"{first_event(snaps.get('Isotropic', []), 'bifurcation')}. On three mesh families they are within "
-        f"{100 * moderate:.1f} % at drops up to {MODERATE:g} L."
+        f"{at_most(100 * moderate)} % at drops up to {MODERATE:g} L."
     )

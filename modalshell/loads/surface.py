@@ -112,11 +112,13 @@ class Wind(LiveLoad, ReadOnlyArrays, key="wind"):
     :math:`\alpha` so has the normal force :math:`\tfrac12 \rho A c_n U^2 \sin^2 \alpha`, its drag and lift being the
     components of that. A third of the force acts at each corner. Wind has no potential.
 
+    From Python the velocity may be a function ``velocity(points, time) -> (k, 3)`` of points (k, 3) [m] in the world
+    and the time [s]; the stiffness neglects its gradient in space.
+
     Parameters
     ----------
     velocity : (float, float, float) or callable
-        Of the air [m/s]; or ``velocity(points, time) -> (k, 3)`` of points (k, 3) [m] in the world and the time [s],
-        whose gradient in space the stiffness neglects.
+        Of the air [m/s].
     density : float
         Of the air [kg/m^3].
     normal, tangential : float

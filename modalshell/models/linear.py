@@ -26,6 +26,15 @@ class LinearModal(ModalModel):
 
     The static answer is ``q = Lambda^-1 Phi^T f``; with constraints, the modal forces of least work are added that meet
     them, or come nearest.
+
+    Parameters
+    ----------
+    basis : Basis
+        Modes, eigenvalues and modal rotations of the shell.
+    integrator : str or ModalIntegrator
+        "exponential" (second order, exact where the modal forces do not turn), "implicit_euler" (first order, loses
+        energy; that of the paper), "implicit_midpoint" (second order, keeps the energy of linear motion), the key of
+        any other :class:`modalshell.integrators.modal.ModalIntegrator`, or a rule itself.
     """
 
     name = "LMA"

@@ -51,7 +51,7 @@ class RotationStrain(TurnedTriangles):
     basis : Basis
         Modes and eigenvalues of the shell.
     integrator : str or ModalIntegrator
-        See :class:`ModalModel`.
+        See :class:`modalshell.LinearModal`.
     backend : str, optional
         Factorisation to use; see :class:`modalshell.modes.Factoriser`.
     """

@@ -48,7 +48,7 @@ class ModalWarping(UnstretchedModel):
     basis : Basis
         Modes, eigenvalues and modal rotations of the shell.
     integrator : str or ModalIntegrator
-        See :class:`ModalModel`.
+        See :class:`modalshell.LinearModal`.
     consistent_force : bool
         Take ``J^T f``, J = du/dq of the closed form, for the modal force instead: the gradient of the load's work.
         Equilibria then are the minima of a potential, and always exist.

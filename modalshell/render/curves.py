@@ -82,6 +82,11 @@ class Panel:
     """Whether the legend stands within the axes; by default where there are few curves."""
 
 
+def literal(text: str) -> str:
+    """A text that matplotlib shows as it is: what stands between two dollar signs in a name is no formula."""
+    return text.replace("$", r"\$")
+
+
 def draw_curves(
     panels: Sequence[Panel],
     path: str | Path,
@@ -117,20 +122,20 @@ def draw_curves(
         if panel.log_x:
             axes.set_xscale("log")
         if panel.x_ticks is not None:
-            axes.set_xticks(list(panel.x_ticks), list(panel.x_ticks.values()))
+            axes.set_xticks(list(panel.x_ticks), list(map(literal, panel.x_ticks.values())))
             axes.set_xticks([], minor=True)
         if panel.band is not None:
             right = max(float(np.max(curve.x)) for curve in panel.curves)
-            axes.axvspan(0.5 * sum(panel.band), right, color="0.85", zorder=0, label=panel.band_label)
+            axes.axvspan(0.5 * sum(panel.band), right, color="0.85", zorder=0, label=literal(panel.band_label))
         for line in panel.lines:
-            axes.axvline(line.x, color="0.25", linestyle=line.style, linewidth=1.2, label=line.label)
-        axes.set_title(panel.title, fontsize=11)
-        axes.set(xlabel=panel.x_label, ylabel=panel.y_label)
+            axes.axvline(line.x, color="0.25", linestyle=line.style, linewidth=1.2, label=literal(line.label))
+        axes.set_title(literal(panel.title), fontsize=11)
+        axes.set(xlabel=literal(panel.x_label), ylabel=literal(panel.y_label))
         axes.grid(alpha=0.3)
         if not one_legend:
             _add_legend(axes, panel)
     if title:
-        figure.suptitle(title, fontsize=11)
+        figure.suptitle(literal(title), fontsize=11)
     if one_legend:
         named = {
             label: handle
@@ -150,7 +155,7 @@ def _add_curves(axes: Axes, panel: Panel) -> None:
         size = 4 if curve.marker == "o" else 7
         if curve.joined:
             style, marker = "--" if curve.dashed else "-", curve.marker if curve.points else None
-            axes.plot(curve.x, curve.y, style, marker=marker, ms=size, color=curve.color, label=curve.label)
+            axes.plot(curve.x, curve.y, style, marker=marker, ms=size, color=curve.color, label=literal(curve.label))
             continue
         spread = _SPREAD * (shown - 0.5 * (count - 1)) / count if panel.x_ticks is not None else 0.0
         place = np.asarray(curve.x, float) + spread
@@ -159,7 +164,7 @@ def _add_curves(axes: Axes, panel: Panel) -> None:
             axes.vlines(place, np.asarray(curve.low), np.asarray(curve.high), color=curve.color, alpha=0.45, lw=2)
         axes.plot(
             place, curve.y, ls="", marker=curve.marker, ms=11 if curve.marker == "_" else size + 1.5,
-            mew=2 if curve.marker == "_" else 1, color=curve.color, label=curve.label,
+            mew=2 if curve.marker == "_" else 1, color=curve.color, label=literal(curve.label),
             markerfacecolor="none" if curve.dashed else curve.color,
         )  # fmt: skip
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from modalshell.core.errors import OptionError
 from modalshell.files.atomic_io import write_atomically
-from modalshell.render.curves import Style
+from modalshell.render.curves import Style, literal
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -88,10 +88,10 @@ def draw_maps(
         width = 0.1 * font + 1.5
         for place, panel in enumerate(panels, start=1):
             _draw(figure.add_subplot(rows, columns, place), panel, colors, width)
-        handles: list[Patch | Line2D] = [Patch(facecolor=color, label=name) for name, color in colors.items()]
+        handles: list[Patch | Line2D] = [Patch(facecolor=color, label=literal(name)) for name, color in colors.items()]
         lines = {line.label: line for panel in panels for line in panel.boundaries if any(map(len, line.at))}
         handles += [
-            Line2D([], [], color=line.color, linewidth=width, linestyle=line.style, label=label)
+            Line2D([], [], color=line.color, linewidth=width, linestyle=line.style, label=literal(label))
             for label, line in sorted(lines.items())
         ]
         legend_rows = -(-len(handles) // min(4 * columns, 8))
@@ -136,9 +136,9 @@ def _draw(axes: Axes, panel: MapPanel, colors: Mapping[str, str], width: float) 
     if panel.x_scale == "even":
         axes.set_xticks(range(len(x)), [_number(value) for value in x], rotation=90)
     if panel.x_ticks is not None:
-        axes.set_xticks(list(panel.x_ticks), list(panel.x_ticks.values()))
+        axes.set_xticks(list(panel.x_ticks), list(map(literal, panel.x_ticks.values())))
         axes.set_xticks([], minor=True)
-    axes.set(title=panel.title, xlabel=panel.x_label, ylabel=panel.y_label)
+    axes.set(title=literal(panel.title), xlabel=literal(panel.x_label), ylabel=literal(panel.y_label))
     if not panel.x_label:
         axes.tick_params(labelbottom=False)
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from modalshell.core.errors import OptionError
 from modalshell.files.atomic_io import write_atomically
+from modalshell.render.curves import literal
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -71,10 +72,11 @@ def draw_pareto(panels: Sequence[ParetoPanel], path: str | Path, *, columns: int
         _draw_panel(figure.add_subplot(rows, across, place), panel)
     groups = {mark.group: mark for panel in panels for mark in panel.marks}
     entries = [
-        Line2D([], [], color=mark.color, marker=mark.marker, ls=":", label=name) for name, mark in groups.items()
+        Line2D([], [], color=mark.color, marker=mark.marker, ls=":", label=literal(name))
+        for name, mark in groups.items()
     ]
     if truth := next((panel.truth for panel in panels if panel.truth), None):
-        entries.append(Line2D([], [], color=truth.color, lw=2, label=f"{truth.group}, the truth"))
+        entries.append(Line2D([], [], color=truth.color, lw=2, label=literal(f"{truth.group}, the truth")))
     entries.append(Line2D([], [], color="0.2", lw=5, alpha=0.25, label="none cheaper is as accurate"))
     _add_legend(figure, entries, {1: 4, 2: 2}.get(across, 1))
     return write_atomically(path, lambda file: figure.savefig(file, format="png"))
@@ -95,7 +97,7 @@ def _add_legend(figure: Figure, entries: Sequence[Artist], lines: int) -> None:
 
 
 def _draw_panel(axes: Axes, panel: ParetoPanel) -> None:
-    axes.set(xscale="log", yscale="log", xlabel=panel.x_label, ylabel=panel.y_label)
+    axes.set(xscale="log", yscale="log", xlabel=literal(panel.x_label), ylabel=literal(panel.y_label))
     front = sorted((mark for mark in panel.marks if mark.front), key=lambda mark: mark.x)
     if front:
         x, y = ([getattr(mark, name) for mark in front] for name in ("x", "y"))
@@ -114,7 +116,7 @@ def _draw_panel(axes: Axes, panel: ParetoPanel) -> None:
         axes.axvline(panel.truth.x, color=panel.truth.color, lw=2)
     axes.margins(0.1, 0.14)
     axes.grid(alpha=0.3, which="major")
-    axes.set_title(panel.title, fontsize=11)
+    axes.set_title(literal(panel.title), fontsize=11)
     _write_texts(axes, panel)
 
 
@@ -150,8 +152,8 @@ def _write_texts(axes: Axes, panel: ParetoPanel) -> None:
             if clear(x, y, half, tuple(point)):
                 taken.append((x, y, half))
                 axes.annotate(
-                    mark.text, (mark.x, mark.y), xytext=shift, textcoords="offset points", ha="center", va="center",
-                    fontsize=7, color=mark.color, zorder=4,
+                    literal(mark.text), (mark.x, mark.y), xytext=shift, textcoords="offset points", ha="center",
+                    va="center", fontsize=7, color=mark.color, zorder=4,
                 )  # fmt: skip
                 break
 

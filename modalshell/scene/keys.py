@@ -148,7 +148,8 @@ def _documented(kind: type) -> tuple[str, dict[str, str]]:
 
 def plain_text(marked: str) -> str:
     """A docstring's text on one line, without its marks."""
-    return " ".join(re.sub(r":\w+:`~?(?:modalshell\.)?([^`]*)`", r"ms.\1", marked).replace("``", "").split())
+    named = re.sub(r":(?:meth|attr):`(\w+)`", r"\1", marked)  # of the class that it stands in
+    return " ".join(re.sub(r":\w+:`~?(?:modalshell\.)?([^`]*)`", r"ms.\1", named).replace("``", "").split())
 
 
 def _key(field: Any, parameters: Mapping[str, str]) -> Key:

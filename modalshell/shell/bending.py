@@ -80,15 +80,15 @@ def hinge_rows(mesh: TriangleMesh) -> tuple[Array, Array, Array]:
     Returns
     -------
     rows : ndarray, shape (H, 3)
-        ``theta = rows . (kappa_tt, kappa_nn, kappa_tn)``, t along the edge, n across it in the tangent plane; lengths
-        taken in the unfolded pair of triangles [m].
+        ``theta = rows . (kappa_tt, kappa_nn, kappa_tn)``, t along the edge, n across it in the tangent plane,
+        curvatures positive where the normals spread; lengths taken in the unfolded pair of triangles [m].
     tangents, normals : ndarray, shape (H, 3)
         Unit vectors t and the mean surface normals.
     """
     foot_1, foot_2, height_1, height_2, tangents = _hinge_geometry(mesh)
     length = mesh.edge_lengths[mesh.hinge_edges]
     along = length**2 * (foot_1 * (foot_1 - 1.0) / height_1 + foot_2 * (foot_2 - 1.0) / height_2)
-    rows = -0.5 * np.stack([along, height_1 + height_2, 2.0 * length * (foot_1 - foot_2)], axis=1)
+    rows = 0.5 * np.stack([along, height_1 + height_2, 2.0 * length * (foot_1 - foot_2)], axis=1)
     normals = _normals_along(mesh).sum(axis=1)
     return rows, tangents, normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
 

@@ -53,7 +53,7 @@ class Crease(ReadOnlyArrays):
     yield_moment : float
         Moment per length of the edge [N] at which it yields, M_y.
     hardening : float
-        Further moment per length and plastic fold [N/rad], H. Released, the crease keeps at most M_y / H.
+        Further moment per length [N] for a plastic fold of one radian, H. Released, the crease keeps at most M_y / H.
     angle : float, optional
         Creases are only those of the edges at which the sheet is folded at rest by more than this [deg].
 

@@ -41,7 +41,7 @@ class SpringSheet(FullModel):
     iterations : int
         Largest number of conjugate-gradient iterations per step.
     allow_unstable_step, step_tolerance, backend : optional
-        As for :class:`FullModel`; ``step_tolerance`` is also the residual at which conjugate gradients stop.
+        As for :class:`DiscreteShell`; ``step_tolerance`` is also the residual at which conjugate gradients stop.
     reference_fold : float
         Fold [rad] at which :func:`modalshell.springs.shell_springs` hold the hinges' energy.
 

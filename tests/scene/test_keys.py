@@ -1,5 +1,8 @@
 """The list of keys: every table that a scene takes, with the units and defaults of what it builds."""
 
+import re
+from operator import attrgetter
+
 import pytest
 
 import modalshell as ms
@@ -28,6 +31,14 @@ def test_keys_have_types_defaults_and_units():
     assert "[N]" in crease["yield_moment"].about
     motion = scene_keys("motion")[0]
     assert "[s]" in motion.about
+
+
+def test_what_keys_point_to_is_public():
+    texts = [text for one in scene_keys() for text in (one.about, *(key.about for key in one.keys))]
+    for name in {name for text in texts for name in re.findall(r"\bms\.([\w.]*\w)", text)}:
+        attrgetter(name)(ms)
+    wind = next(one for one in scene_keys("loads") if one.heading == "[[loads.wind]]")
+    assert next(key.about for key in wind.keys if key.name == "velocity") == "Of the air [m/s]."
 
 
 def test_another_name_is_refused_with_the_tables():

@@ -197,7 +197,7 @@ def test_labels_of_a_front_keep_off_points_and_dotted_lines(monkeypatch, tmp_pat
     kept = []
     monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: kept.append(figure))
     marks = [Mark(10.0**k, 10.0**-k, "a", "label", False, "#112233") for k in (0.0, 0.3, 1.0)]
-    draw_pareto([ParetoPanel(marks, "t")], tmp_path / "x.png")
+    draw_pareto([ParetoPanel(marks, "a mesh of the name $_{$")], tmp_path / "x.png")
     (axes,) = kept[0].axes
     kept[0].canvas.draw()
     renderer = kept[0].canvas.get_renderer()

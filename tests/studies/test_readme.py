@@ -89,3 +89,18 @@ def test_cells_of_a_table():
     assert markdown("a | b | b | c", "{a:100*.1f} % | {b:.2f} | {c[d]:|none}", rows) == (
         "| a | b | b | c |\n|---|---|---|---|\n| 12.3 % | 1.00 | - | none |\n| 200.0 % | 3.00 | 4.00 | e |"
     )
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [
+        (75.46, 2, "76"),
+        (0.00642, 2, "0.0065"),
+        (2.1e-13, 1, "3e-13"),
+        (0.3, 2, "0.3"),
+        (0.1 + 0.2, 2, "0.3"),
+        (0, 2, "0"),
+    ],
+)
+def test_a_bound_is_rounded_up(value, digits, text):
+    assert pages.at_most(value, digits) == text

@@ -276,7 +276,7 @@ def test_maps_refuse_what_they_cannot_draw(tmp_path):
     with pytest.raises(OptionError, match="classes of shape"):
         draw_maps([replace(panel, x=[1.0])], colors, tmp_path / "a.png", columns=1)
     for scale in ("linear", "log", "even"):
-        line = Boundary([[2.0, 5.0], []], "limit")
+        line = Boundary([[2.0, 5.0], []], "limit $_{$")
         path = draw_maps([replace(panel, x_scale=scale, boundaries=[line])], colors, tmp_path / "a.png", columns=1)
         assert path.read_bytes()[:4] == b"\x89PNG"
 

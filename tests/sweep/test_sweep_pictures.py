@@ -53,7 +53,7 @@ def test_long_names_of_curves_are_whole(tmp_path):
 
     from modalshell.render.curves import Curve, Panel, draw_curves
 
-    curves = [Curve([0, 1], [0, k], f"model.name = md-rom, loads.pressure.0.p = {k}", "red") for k in range(6)]
+    curves = [Curve([0, 1], [0, k], f"mesh.file = $_{{$.obj, loads.pressure.0.p = {k}", "red") for k in range(6)]
     picture = imread(draw_curves([Panel(curves, "", "x", "y")], tmp_path / "curves.png"))
     assert (picture[:, [0, 1, -2, -1], :3] == picture[0, 0, :3]).all()
 

@@ -46,17 +46,7 @@ _OUT_OF_REACH_LIMIT = 20
 
 
 class ModalModel(ModalMotion):
-    """A model whose unknowns are the m modal coordinates q.
-
-    Parameters
-    ----------
-    basis : Basis
-        Modes, eigenvalues and modal rotations of the shell.
-    integrator : str or ModalIntegrator
-        "exponential" (second order, exact where the modal forces do not turn), "implicit_euler" (first order, loses
-        energy; that of the paper), "implicit_midpoint" (second order, keeps the energy of linear motion), the key of
-        any other :class:`ModalIntegrator`, or a rule itself.
-    """
+    """A model whose unknowns are the m modal coordinates q; the parameters are :class:`modalshell.LinearModal`'s."""
 
     def __init__(self, basis: Basis, *, integrator: str | ModalIntegrator = "exponential") -> None:
         super().__init__(basis, integrator=integrator)
