@@ -149,11 +149,11 @@ class MotionCheck:
         Its contacts, of which a coarse shell takes none; see :func:`touching_frames`.
     in_frame : bool
         Whether frames are in the frame of the supports, and not in the world.
-    basis : Basis, optional
-        That of a modal model, whose modes the ratios of the damping are of.
 
     Attributes
     ----------
+    basis : Basis or None
+        That of a modal model, whose modes the ratios of the damping are of; none at first.
     unjudged : str
         Why the last bar, which is void then, could not be found where contacts alone prevent it; "" elsewhere.
 
@@ -174,11 +174,11 @@ class MotionCheck:
         estimator: ErrorEstimator | None = None,
         touching: TouchingFrames | None = None,
         in_frame: bool = False,
-        basis: Basis | None = None,
     ) -> None:
         check_bar(shell)
         self._shell, self._loading, self._damping, self._supports = shell, loading, damping, supports
-        self._frame, self._basis = None if in_frame else supports, basis
+        self._frame = None if in_frame else supports
+        self.basis: Basis | None = None
         self._coarse, self.unjudged = coarse, ""
         self._touching = touching
         self._estimator: Estimator
@@ -238,7 +238,7 @@ class MotionCheck:
         load = balancing_load(now, self._shell, self._loading, self._damping, self._supports, dead)
         if self._touching is not None:  # what is ahead would be inside the colliders
             return load, None
-        return load, strained_ahead(now, self._damping, self._basis)
+        return load, strained_ahead(now, self._damping, self.basis)
 
     def static(self, positions: Array, load: Array, time: float = 0.0, ahead: Array | None = None) -> ErrorBar:
         """Bar of an answer at positions (n, 3) [m] that rests under a load (n, 3) [N], or has stresses ``ahead``.

@@ -84,8 +84,8 @@ def with_bars(
     every, coarse, touching, led = wanted["every"], wanted["coarse"], wanted["touching"], wanted["led"]
     shell, damping = model.true_shell, damping or Damping()
     estimator = None if led is None else quick_estimator(shell, led)
-    basis = getattr(model, "basis", None)
-    check = MotionCheck(shell, loading, damping, supports, coarse, estimator=estimator, touching=touching, basis=basis)
+    check = MotionCheck(shell, loading, damping, supports, coarse, estimator=estimator, touching=touching)
+    check.basis = getattr(model, "basis", None)
     chosen = list(range(every, len(run.times) - 1, every))  # frames with one on either side
     rows, unjudged, largest, seen, held = [], list[str](), 0.0, 0, True
     swings = np.zeros((2, len(chosen)))

@@ -81,7 +81,7 @@ def test_centre_and_momenta_go_through_switches():
     assert np.abs(p[:, 1]).max() <= 1e-6 * scale
     loads = [ms.Scaled(ms.LineForce("x < 1e-6", (0.0, 0.0, 0.5)), ([0.0, 0.1, 0.2], [0.0, 1.0, 0.0]))]
     levels, x, p = frames_of(shell, ms.Auto(shell, 14), shell.loading(None, None, loads), DT, 60)
-    assert set(np.diff(levels)) == {0, 1}
+    assert 1 in np.diff(levels)
     after = p[28:]  # the push is over, and what the rule keeps of it for a few steps
     assert np.abs(after[:, 1]).max() > 1e-3 * scale
     np.testing.assert_allclose(after[:, 1], after[:1, 1].repeat(len(after), axis=0), atol=1e-6 * np.abs(after).max())
