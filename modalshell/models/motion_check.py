@@ -16,6 +16,7 @@ from modalshell.models.base.bars import check_bar
 from modalshell.models.base.model import Model
 from modalshell.models.coarse.profile_step import quick_estimator
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
+from modalshell.modes import Basis
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 from modalshell.statics.error_bar import ErrorBar, ErrorEstimator, Estimator
@@ -71,12 +72,31 @@ def balancing_load(
     """Load (n, 3) [N] in the frame of the supports under which a moving shell is in balance as if it rested.
 
     All loads as they act on it (``dead`` ones (n, 3) [N] in place of the loading's own, if given), less its inertia and
-    the damping by the mass: ``f - M (a + xi v)``. Damping by the stiffness is left out: the velocities of cheap models
-    stretch the membrane, which would drown all else.
+    the damping by the mass, ``f - M (a + xi v)``, and that of dashpots. Of other damping see :func:`strained_ahead`.
     """
     v, dead = now.velocities, loading.dead if dead is None else dead
     load = acting_load(now.positions, v, now.time, dead, loading, shell.mass, supports)
+    if shell.has_dashpots:
+        load = load + shell.damping_force(now.positions, v, 0.0)
     return np.asarray(load - shell.mass[:, None] * (now.accelerations + damping.mass_factor * v))
+
+
+def strained_ahead(now: Instant, damping: Damping, basis: Basis | None = None) -> Array | None:
+    """By what (n, 3) [m] the stresses of a moving shell are ahead of its shape, as it damps strains; None without.
+
+    Elastic and viscous forces ``g(x) + zeta K v`` are the elastic ones at ``x + zeta v``, and for modes of a ``basis``
+    that ratios d damp the time is ``2 d / omega``. Applied as forces, velocities of cheap models would stretch the
+    membrane, which drowns all else.
+    """
+    if not damping.strains:
+        return None
+    ahead = damping.stiffness_factor * now.velocities
+    if damping.ratios and basis is not None:
+        squared = basis.eigenvalues
+        rates = basis.modes.T @ (np.repeat(basis.shell.mass, 3) * now.velocities.ravel())
+        times = np.divide(Damping(ratios=damping.ratios).of_modes(squared), squared, where=squared > 0.0, out=0 * rates)
+        ahead += (basis.modes @ (times * rates)).reshape(-1, 3)
+    return ahead
 
 
 def touching_frames(
@@ -132,6 +152,8 @@ class MotionCheck:
 
     Attributes
     ----------
+    basis : Basis or None
+        That of a modal model, whose modes the ratios of the damping are of; none at first.
     unjudged : str
         Why the last bar, which is void then, could not be found where contacts alone prevent it; "" elsewhere.
 
@@ -156,6 +178,7 @@ class MotionCheck:
         check_bar(shell)
         self._shell, self._loading, self._damping, self._supports = shell, loading, damping, supports
         self._frame = None if in_frame else supports
+        self.basis: Basis | None = None
         self._coarse, self.unjudged = coarse, ""
         self._touching = touching
         self._estimator: Estimator
@@ -178,18 +201,22 @@ class MotionCheck:
 
     def bar_under(
         self, times: Array, frames: Array, dead: Array | None = None, *, forces: Array | None = None
-    ) -> tuple[ErrorBar, Array]:
-        """As :meth:`bar`, also the load (n, 3) [N] under which it is found; ``dead`` replaces the loading's own."""
-        x, load = self.own(float(times[1]), frames[1]), self.load_under(times, frames, dead)
+    ) -> tuple[ErrorBar, Array, Array | None]:
+        """As :meth:`bar`, also what :meth:`load_under` says of it; ``dead`` replaces the loading's own load."""
+        own = self._in_frame_of_supports(times, frames)
+        load, ahead = self._in_balance(times, own, dead)
+        x, time = own[1], float(times[1])
         if self._touching is not None:
-            own = self._in_frame_of_supports(times, frames)
             if forces is not None:
                 load = load + self._touching.friction(times, own, self._forces_in_frame(times, forces))
             bar, self.unjudged = self._touching.bar(times, own, load)
-            return bar, load
-        if self._coarse is None:
-            return self._estimator.bar(x, load, time=float(times[1])), load
-        return self._estimator.bar(self._coarse.sampled(x), self._coarse.restrict(load), on="coarse"), load
+        elif self._coarse is None:
+            bar = self._estimator.bar(x, load, time=time, ahead=ahead)
+        else:
+            begin, felt = self._coarse.sampled(x), self._coarse.restrict(load)
+            further = None if ahead is None else self._coarse.sampled(x + ahead) - begin
+            bar = self._estimator.bar(begin, felt, on="coarse", ahead=further)
+        return bar, load, ahead
 
     def _in_frame_of_supports(self, times: Array, frames: Array) -> Array:
         """Frames (F, n, 3) [m] of the world at ``times`` (F,) [s] in the frame of the supports."""
@@ -201,19 +228,26 @@ class MotionCheck:
             return forces
         return np.stack([f @ self._frame.at(float(t)).rotation for t, f in zip(times, forces, strict=True)])
 
-    def load_under(self, times: Array, frames: Array, dead: Array | None = None) -> Array:
-        """That load (n, 3) [N] alone, without friction."""
-        now = instant_of(times, self._in_frame_of_supports(times, frames))
-        return balancing_load(now, self._shell, self._loading, self._damping, self._supports, dead)
+    def load_under(self, times: Array, frames: Array, dead: Array | None = None) -> tuple[Array, Array | None]:
+        """The load (n, 3) [N] in balance, without friction, and by what (n, 3) [m] its shape is strained ahead."""
+        return self._in_balance(times, self._in_frame_of_supports(times, frames), dead)
 
-    def static(self, positions: Array, load: Array, time: float = 0.0) -> ErrorBar:
-        """Bar of an answer at positions (n, 3) [m] that rests under a load (n, 3) [N].
+    def _in_balance(self, times: Array, own: Array, dead: Array | None) -> tuple[Array, Array | None]:
+        """The same of frames (3, n, 3) [m] in the frame of the supports."""
+        now = instant_of(times, own)
+        load = balancing_load(now, self._shell, self._loading, self._damping, self._supports, dead)
+        if self._touching is not None:  # what is ahead would be inside the colliders
+            return load, None
+        return load, strained_ahead(now, self._damping, self.basis)
+
+    def static(self, positions: Array, load: Array, time: float = 0.0, ahead: Array | None = None) -> ErrorBar:
+        """Bar of an answer at positions (n, 3) [m] that rests under a load (n, 3) [N], or has stresses ``ahead``.
 
         Colliders are as at ``time`` [s], and so are constraints.
         """
         if self._touching is not None:
             self._touching.estimator.look(time)
-        return self._estimator.bar(positions, load, time=time)
+        return self._estimator.bar(positions, load, time=time, ahead=ahead)
 
     def moved(self, positions: Array) -> float:
         """Displacement in the norm of the mass [kg^(1/2) m] of positions in the frame of the supports."""

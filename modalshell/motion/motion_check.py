@@ -85,6 +85,7 @@ def with_bars(
     shell, damping = model.true_shell, damping or Damping()
     estimator = None if led is None else quick_estimator(shell, led)
     check = MotionCheck(shell, loading, damping, supports, coarse, estimator=estimator, touching=touching)
+    check.basis = getattr(model, "basis", None)
     chosen = list(range(every, len(run.times) - 1, every))  # frames with one on either side
     rows, unjudged, largest, seen, held = [], list[str](), 0.0, 0, True
     swings = np.zeros((2, len(chosen)))

@@ -84,6 +84,11 @@ class Damping:
         """Whether anything is damped."""
         return self.mass_factor > 0.0 or self.stiffness_factor > 0.0 or any(ratio > 0.0 for ratio in self.ratios)
 
+    @property
+    def strains(self) -> bool:
+        """Whether rates of strain are damped, and not velocities alone."""
+        return self.stiffness_factor > 0.0 or any(ratio > 0.0 for ratio in self.ratios)
+
     def of_modes(self, stiffness: Array) -> Array:
         """Damping ``c = xi + zeta lambda`` [1/s] of modes of ``stiffness`` lambda (m,) [1/s^2].
 

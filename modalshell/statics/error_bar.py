@@ -117,12 +117,11 @@ class ErrorBar:
     def __str__(self) -> str:
         if self.message:
             return f"no error bar: {self.message}"
-        text = bar_as_text(self.displacement, self.margin)
+        text, end = bar_as_text(self.displacement, self.margin), self.critical_load
         if not self.walked:
             return text
-        if not np.isfinite(self.critical_load):
-            return f"{text}; no end of its branch is near"
-        return f"{text}; its branch ends at about {self.critical_load:.2g} times the load"
+        near = f"its branch ends at about {end:.2g} times the load"
+        return f"{text}; {near if np.isfinite(end) else 'no end of its branch is near'}"
 
 
 def bar_as_text(displacement: float, margin: float) -> str:
@@ -170,29 +169,37 @@ class Estimator(ABC):
         self._way: Array | None = None
 
     def bar(
-        self, positions: Array, load: Array, live: LiveLoads | None = None, on: str = "shell", time: float = 0.0
+        self,
+        positions: Array,
+        load: Array,
+        live: LiveLoads | None = None,
+        on: str = "shell",
+        time: float = 0.0,
+        ahead: Array | None = None,
     ) -> ErrorBar:
         """The bar of an answer at ``positions`` (n, 3) [m] under a dead ``load`` (n, 3) [N] and ``live`` ones.
 
-        Constraints lead vertices to where these are at ``time`` [s].
+        Constraints lead vertices to where these are at ``time`` [s]. Stresses are those of a shape ``ahead`` by that
+        (n, 3) [m], as of a shell that damps its rates of strain.
         """
         watch, shell = Stopwatch(), self.shell
-        x = _allowed(self._free, positions - self.origin)
+        further = np.zeros_like(positions) if ahead is None else ahead
+        x = _allowed(self._free, positions + further - self.origin)
         if (led := self._led) is not None:
-            self._way = led.way(x, led.at(time) - self.origin, _THERE * shell.size)
+            self._way = led.way(x, led.at(time) + further[led.vertices] - self.origin, _THERE * shell.size)
         self.last = None
         try:
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
                 corrected, margin = self._found(x, load, live)
         except SolverError as error:
             return ErrorBar(np.inf, -np.inf, 0.0, False, positions.copy(), watch(), str(error), on)
-        moved, off = self.length(corrected - shell.rest_positions), self.length(corrected - x)
+        moved, off = self.length(corrected - further - shell.rest_positions), self.length(corrected - x)
         tiny = _NOTHING * shell.size * float(np.sqrt(shell.mass.sum()))
         displacement = 0.0 if off <= tiny else off / max(moved, tiny)
         if displacement > _LARGE:
             displacement = max(displacement, self._astray(x, load, live) / max(moved, tiny))
         critical, valid = (1.0 / (1.0 - margin) if margin < 1.0 else np.inf), margin > LEAST_MARGIN
-        return ErrorBar(displacement, margin, critical, valid, corrected + self.origin, watch(), on=on)
+        return ErrorBar(displacement, margin, critical, valid, corrected - further + self.origin, watch(), on=on)
 
     def _found(self, x: Array, load: Array, live: LiveLoads | None) -> tuple[Array, float]:
         """Positions (n, 3) [m] after Newton's steps from x (n, 3), and the stability margin there."""
@@ -221,30 +228,24 @@ class Estimator(ABC):
 
     def margin(self, problem: Potential, x: Array, stresses: list[Array]) -> Margin:
         """The stability margin at x (n, 3) with predicted stresses."""
-        shell = self.shell
-        unknowns, pattern = shell.unknowns, shell.pattern
-        stiffness = shell.hessian(x, GAUSS_NEWTON)
-        stressed = shell.hessian(x, MIXED, stresses)
+        shell, unknowns, pattern = self.shell, self.shell.unknowns, self.shell.pattern
+        stiffness, stressed = shell.hessian(x, GAUSS_NEWTON), shell.hessian(x, MIXED, stresses)
         difference = stressed - stiffness
         if problem.live is not None:
             problem.live.add_stiffness(pattern, x, difference)
-        geometric = pattern.matrix(difference)
-        symmetric = problem.live is None or problem.live.conservative
-        elastic = replace(problem, live=None)
-        factor = self._factor(elastic, pattern.free_matrix(stiffness))
+        geometric, symmetric = pattern.matrix(difference), problem.live is None or problem.live.conservative
+        factor = self._factor(replace(problem, live=None), pattern.free_matrix(stiffness))
         if factor is None:
             raise SolverError("two Newton steps lead to a shape without stiffness: the answer is far from any of DS")
 
         def softening(values: Array) -> Array:
             along = self._along(values)
-            moved = unknowns.prolong(along)
-            product = geometric @ moved
+            product = geometric @ (moved := unknowns.prolong(along))
             if not symmetric:  # a shell whose symmetric half is stiff does not drift away
                 product = 0.5 * (product + geometric.T @ moved)
             return self._across(along, np.asarray(unknowns.restrict(product)))
 
-        start = probe(unknowns.count)
-        start = self._across(np.zeros_like(start), start)
+        start = self._across(np.zeros(unknowns.count), probe(unknowns.count))
         found = lowest_ratio(factor.solve, softening, start)
         self.last = LastStep(problem, x, stressed, found.direction, factor)
         return found

@@ -40,6 +40,7 @@ class LiveBar:
         touching = touching_frames(model, setup.contacts, setup.dt, supports, shell, led)
         estimator = None if led is None or touching is not None else quick_estimator(shell, led)
         self._check = MotionCheck(shell, setup.loading, setup.damping, supports, touching=touching, estimator=estimator)
+        self._check.basis = getattr(model, "basis", None)
         self._follows = motion.model.follows_snaps
         self._frames: list[tuple[int, Array, Array | None]] = []
         self._largest, self._held, self.text = 0.0, True, ""

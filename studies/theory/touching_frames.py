@@ -48,7 +48,7 @@ def bars_over_errors() -> tuple[Array, int]:
             if not valid:
                 continue
             k = round(float(time) / STEP)
-            load = check.load_under(run.times[k - 1 : k + 2], frames[k - 1 : k + 2])
+            load = check.load_under(run.times[k - 1 : k + 2], frames[k - 1 : k + 2])[0]
             still = [stopped(contact, float(time))]
             rest = truth.equilibrium(force=load, contacts=still, start=frames[k])
             off = check.norm(rest.positions - frames[k])

@@ -68,11 +68,11 @@ def test_it_holds_the_error_in_shape_and_in_the_world(energy, scene):
 
 @pytest.mark.slow
 def test_centre_and_momenta_go_through_switches():
-    """From DS to MWTS and back as a bent sheet comes to rest, and from MWTS to DS as one is pushed."""
+    """From DS to MWTS as a bent sheet comes to rest, and from MWTS to DS as one is pushed."""
     shell = shell_of("hinges")
     scale = shell.mass.sum() * shell.size**2
     levels, x, p = frames_of(shell, ms.Auto(shell), shell.loading(GRAVITY), DT, 120, bent(shell, 0.12))
-    assert set(np.diff(levels)) == {-1, 0, 1}
+    assert set(np.diff(levels)) == {-1, 0}
     time = DT * np.arange(len(x))[:, None]
     fall = 0.5 * GRAVITY * time**2
     np.testing.assert_allclose(centres(shell, x) - centres(shell, x[:1]), fall, atol=1e-6 * np.abs(fall).max())
@@ -81,7 +81,7 @@ def test_centre_and_momenta_go_through_switches():
     assert np.abs(p[:, 1]).max() <= 1e-6 * scale
     loads = [ms.Scaled(ms.LineForce("x < 1e-6", (0.0, 0.0, 0.5)), ([0.0, 0.1, 0.2], [0.0, 1.0, 0.0]))]
     levels, x, p = frames_of(shell, ms.Auto(shell, 14), shell.loading(None, None, loads), DT, 60)
-    assert set(np.diff(levels)) == {0, 1}
+    assert 1 in np.diff(levels)
     after = p[28:]  # the push is over, and what the rule keeps of it for a few steps
     assert np.abs(after[:, 1]).max() > 1e-3 * scale
     np.testing.assert_allclose(after[:, 1], after[:1, 1].repeat(len(after), axis=0), atol=1e-6 * np.abs(after).max())

@@ -1,5 +1,7 @@
 """Error bars along motions: against DS's motion, past snaps, under supports that move, in files."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -25,7 +27,7 @@ def growing(most):
 
 
 def move(model, most, **further):
-    return ms.simulate(model, duration=2.0, dt=DT, loads=growing(most), damping=(2.0, 0.001), **further)
+    return ms.simulate(model, **{"duration": 2.0, "dt": DT, "loads": growing(most), "damping": (2.0, 0.001)} | further)
 
 
 def norm(shell, displacement):
@@ -34,14 +36,17 @@ def norm(shell, displacement):
 
 @pytest.mark.slow
 def test_they_follow_the_error_of_a_slow_motion(beam, rung):
-    run, exact = move(rung, 25.0, bars=10), move(ms.DiscreteShell(beam), 25.0)
+    dt = DT / 4  # of steps as long as DT the differences err more than bars do where little has moved
+    run, exact = (
+        move(model, 25.0, dt=dt, **more) for model, more in ((rung, {"bars": 40}), (ms.DiscreteShell(beam), {}))
+    )
     largest = np.maximum.accumulate(norm(beam, exact.positions - beam.rest_positions))
-    frames = np.round(run.bars.times / DT).astype(int)
+    frames = np.round(run.bars.times / dt).astype(int)
     error = (norm(beam, run.positions - exact.positions)[1:] / largest[1:])[frames - 1]
     assert run.bars.valid.all()
     loaded = run.bars.times < 1.3
-    assert np.abs(run.error[loaded] / error[loaded] - 1.0).max() < 0.4
-    assert run.error.max() == pytest.approx(error.max(), rel=0.3)
+    assert np.abs(run.error[loaded] / error[loaded] - 1.0).max() < 0.15
+    assert run.error.max() == pytest.approx(error.max(), rel=0.1)
     assert str(run.bars).startswith("up to ")
     assert run.margin is run.bars.margin
 
@@ -63,6 +68,23 @@ def test_ds_itself_has_small_ones(beam):
     run = move(ms.DiscreteShell(beam), 25.0, bars=20)
     assert run.bars.valid.all()
     assert run.error.max() < 0.02
+
+
+@pytest.mark.parametrize("damped", ["stiffness", "modes", "dashpots"])
+def test_damping_of_strains_is_no_error(damped):
+    """Of a strip that swings, its stresses are ahead of its shape; what is left is of accelerations by differences."""
+    shell = ms.Shell(
+        ms.flat_beam(length=1.0, width=0.2, cells=(10, 2)), ms.Material(2000.0, 2000.0, 0.05, 0.2), "x < 0.101"
+    )
+    basis = ms.solve_modes(shell, 2)
+    model, omega = ms.LinearModal(basis), 2.0 * np.pi * basis.frequencies[0]
+    start, dt = model.equilibrium(gravity=(0.0, 0.0, -0.2)).positions, 2.0 * np.pi / omega / 60
+    damping = {"stiffness": ms.Damping(0.0, 0.1 / omega), "modes": ms.Damping(ratios=(0.05,)), "dashpots": ms.Damping()}
+    if damped == "dashpots":
+        hinged = shell.with_elements([replace(e, viscosity=0.01 * e.weight) for e in shell.elements])
+        model = ms.DiscreteShell(hinged)
+    run = ms.simulate(model, duration=60 * dt, dt=dt, start=start, damping=damping[damped], bars=5)
+    assert run.error.max() < 0.01
 
 
 def test_a_load_that_balances_a_motion_is_one_under_which_it_rests(beam):

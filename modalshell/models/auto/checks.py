@@ -15,7 +15,7 @@ from modalshell.loads import Loading
 from modalshell.models.auto.sampled import SampledCheck
 from modalshell.models.base.bars import check_bar
 from modalshell.models.base.fitted_frames import FittedFrames
-from modalshell.models.motion_check import MotionCheck, balancing_load, instant_of
+from modalshell.models.motion_check import MotionCheck, balancing_load, instant_of, strained_ahead
 from modalshell.modes.rigid import left_free, rigid_motions
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
@@ -94,12 +94,12 @@ class HeldCheck:
         """Load (n, 3) [N] in the frames that bends a shell at x, of velocities v, under forces (n, 3) [N]."""
         return force
 
-    def bar_under(self, times: Array, frames: Array, dead: Array) -> tuple[ErrorBar, Array]:
-        """Bar of the middle one of three frames (3, n, 3) [m], and the load (n, 3) [N] in balance there."""
+    def bar_under(self, times: Array, frames: Array, dead: Array) -> tuple[ErrorBar, Array, Array | None]:
+        """Bar of the middle one of three frames (3, n, 3) [m], and what :meth:`load_under` says of it."""
         return self._check.bar_under(times, frames, dead)
 
-    def load_under(self, times: Array, frames: Array, dead: Array) -> Array:
-        """That load alone."""
+    def load_under(self, times: Array, frames: Array, dead: Array) -> tuple[Array, Array | None]:
+        """The load (n, 3) [N] in balance there, and by what (n, 3) [m] the shape that rests under it is ahead."""
         return self._check.load_under(times, frames, dead)
 
     @property
@@ -107,9 +107,12 @@ class HeldCheck:
         """Why the last bar of a frame could not be found, where contacts alone prevent it; "" elsewhere."""
         return self._check.unjudged
 
-    def static(self, x: Array, load: Array, time: float = 0.0) -> ErrorBar:
-        """Bar of an answer at x (n, 3) [m] in the frames that rests under a load (n, 3) [N] at ``time`` [s]."""
-        return self._check.static(x, load, time)
+    def static(self, x: Array, load: Array, time: float = 0.0, ahead: Array | None = None) -> ErrorBar:
+        """Bar of an answer at x (n, 3) [m] in the frames under a load (n, 3) [N] at ``time`` [s].
+
+        It rests, or its stresses are ``ahead``; see :meth:`Estimator.bar`.
+        """
+        return self._check.static(x, load, time, ahead)
 
     def off(self, bar: ErrorBar, x: Array) -> float:
         """Distance [kg^(1/2) m] of positions from those that a bar corrects them to."""
@@ -185,12 +188,19 @@ class FlownCheck:
             felt[part.vertices] = rest @ self._frames.turn(part, x)
         return felt
 
-    def bar_under(self, times: Array, frames: Array, dead: Array) -> tuple[ErrorBar, Array]:
-        """Bar of the middle one of three frames (3, n, 3) [m], and the load (n, 3) [N] in balance, in the frames."""
+    def bar_under(self, times: Array, frames: Array, dead: Array) -> tuple[ErrorBar, Array, Array | None]:
+        """See :meth:`HeldCheck.bar_under`; in the frames."""
         now = instant_of(times, frames)
         load = balancing_load(now, self._shell, self._loading, self._damping, None, dead)
         felt = self._load_in_frames(now.positions, load)
-        return self._bar(self.local(now.positions), felt), felt
+        now = instant_of(times, np.stack([self.local(frame) for frame in frames]))  # a turn alone strains nothing
+        ahead = strained_ahead(now, self._damping)
+        if ahead is None:
+            return self._bar(now.positions, felt), felt, None
+        begin = now.positions + ahead
+        bar = self.static(begin, felt)
+        corrected = FittedFrames(begin, FreeParts(self._parts)).local(bar.corrected)
+        return replace(bar, corrected=corrected - ahead), felt, ahead
 
     def static(self, x: Array, load: Array, time: float = 0.0) -> ErrorBar:
         """Bar of an answer at x (n, 3) [m] in the frames that rests under a load (n, 3) [N]."""

@@ -189,9 +189,9 @@ class LeveledStepper(Stepper):
         level = self._levels[number]
         if not level.quadratic or self._check.least:
             return False
-        answer = self._watch.rests.near(level, seen.load, seen.corrected, seen.time)
+        answer = self._watch.rests.near(level, seen.load, seen.resting, seen.time)
         allowed = self._allowed(memory)
-        return answer is None or not (answer.converged and self._length(answer.positions - seen.corrected) <= allowed)
+        return answer is None or not (answer.converged and self._length(answer.positions - seen.resting) <= allowed)
 
     def _moves_alike(self, step: Step, seen: Seen, memory: dict[str, Array]) -> bool:
         """Whether the next level would move as the first does, which would rest near where a check's steps lead to.

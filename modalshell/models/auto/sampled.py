@@ -85,11 +85,15 @@ class SampledCheck:
         """What is known of coarse checks where no fine one has looked."""
         return np.zeros(3)
 
-    def found(self, x: Array, q: Array, load: Array) -> Sampled | None:
-        """Of positions x (n, 3) [m] with coordinates q (m,) under a load (n, 3) [N]; None where steps lead nowhere."""
+    def found(self, x: Array, q: Array, load: Array, ahead: Array | None = None) -> Sampled | None:
+        """Of positions x (n, 3) [m] under a load (n, 3) [N], or with stresses of a shape ``ahead`` by that (n, 3) [m].
+
+        The coordinates q (m,) are of what has the stresses. None where steps lead nowhere.
+        """
         coarse = self._coarse
         begin = coarse.sampled(x)
-        bar = self._estimator.bar(begin, coarse.restrict(load))
+        further = None if ahead is None else coarse.sampled(x + ahead) - begin
+        bar = self._estimator.bar(begin, coarse.restrict(load), ahead=further)
         if bar.message:
             return None
         added = coarse.weights @ (bar.corrected - begin - self._gaps @ q)

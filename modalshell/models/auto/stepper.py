@@ -353,16 +353,16 @@ class AutoStepper(LeveledStepper):
         first, q = self._levels[0], step.inner.coordinates
         allowed = _BACK * self.model.error * float(memory["largest"][0])
 
-        def near(x: Array) -> bool:
-            return self._length(x - seen.corrected) <= allowed
+        def near(x: Array, found: Array) -> bool:
+            return self._length(x - found) <= allowed
 
         own = self._stepper(0)
-        right = seen.margin > _BACK_MARGIN and near(own.model.positions(MotionState(q, q)) + own.origin)
+        right = seen.margin > _BACK_MARGIN and near(own.model.positions(MotionState(q, q)) + own.origin, seen.corrected)
         memory["ready"] = memory["ready"] + 1.0 if right else np.zeros(1)
         if not (memory["ready"][0] >= _IN_A_ROW and memory["since"][0] >= memory["wait"][0]):
             return step.level
-        answer = self._watch.rests.near(first, seen.load, step.frames[1], seen.time)
-        return 0 if answer is not None and answer.converged and near(answer.positions) else step.level
+        answer = self._watch.rests.near(first, seen.load, seen.ahead_of(step.frames[1]), seen.time)
+        return 0 if answer is not None and answer.converged and near(answer.positions, seen.resting) else step.level
 
     def _return_check(self, step: Step, seen: Seen | None, memory: dict[str, Array]) -> Seen | None:
         """The check by which the lowest level can take over, or None.
@@ -386,10 +386,11 @@ class AutoStepper(LeveledStepper):
         seen = seen or self._watch.seen(step, memory)
         if not (seen.margin > _BACK_MARGIN and np.isfinite(seen.bar)):
             return None
-        answer = self._watch.rests.near(lowest, seen.load, self._check.local(middle), seen.time)
+        held = seen.ahead_of(self._check.local(middle))
+        answer = self._watch.rests.near(lowest, seen.load, held, seen.time)
         if answer is None or not answer.converged:
             return None
-        near = self._check.apart(answer.positions, middle) <= allowed
+        near = self._check.apart(answer.positions, held) <= allowed
         now = step.time, step.time + step.dt * bool(self._check.contacts), step.load
         entering = memory | {"since": np.zeros(1), "ahead": np.zeros(1)}
         stays = near and self._predicted_switch(0, MotionState(x, v), entering, now) is None

@@ -56,7 +56,8 @@ class Seen(NamedTuple):
     """What a check found.
 
     The bar over the largest displacement, the margin, the load (n, 3) [N] in balance, the positions (n, 3) [m] that
-    the bar's steps lead to, the time [s], and why contacts keep it from being found, if they do.
+    the bar's steps lead to, the time [s], by what (n, 3) [m] the shape that rests under the load is ahead of those, and
+    why contacts keep it from being found, if they do.
     """
 
     bar: float
@@ -64,7 +65,17 @@ class Seen(NamedTuple):
     load: Array
     corrected: Array
     time: float
+    ahead: Array | None = None
     unjudged: str = ""
+
+    @property
+    def resting(self) -> Array:
+        """Positions (n, 3) [m] at which the shell would rest under the load, by the bar's steps."""
+        return self.ahead_of(self.corrected)
+
+    def ahead_of(self, x: Array) -> Array:
+        """Positions (n, 3) [m] with the stresses that the motion has at x (n, 3) [m]."""
+        return x if self.ahead is None else x + self.ahead
 
     @property
     def alarm(self) -> bool:
@@ -86,7 +97,7 @@ class Watch:
         self.every = min(every, FRAMES) if check.least else every
         self._touches = bool(check.contacts)  # what touches decides of the bar, too: no state vouches for others
         self._fixed = bool(check.least or model.check_every is not None or self._touches)
-        self._states = KnownStates(loads.count)
+        self._states, self._damping = KnownStates(loads.count), setup.damping
         self._size = 2 * model.count + loads.count
         # Free parts turn, and what touches acts on the errors, too: of neither is known how they add up.
         self._drift = None if check.least or self._touches else Drift(model.basis, setup.damping)
@@ -218,25 +229,27 @@ class Watch:
         largest = float(max(memory["largest"][0], self._check.least))
         if self._check.sampled is not None and largest > 0.0 and self._model.levels[step.level].quadratic:
             return self._sampled(self._check, step, times, memory, largest)
-        bar, load = self._check.bar_under(times, np.stack(step.frames), step.load)
+        bar, load, ahead = self._check.bar_under(times, np.stack(step.frames), step.load)
         off = self._check.off(bar, step.frames[1])
         share = off / largest if largest > 0.0 else float(off > 0.0)
-        return Seen(share, bar.margin, load, bar.corrected, middle, self._check.unjudged)
+        return Seen(share, bar.margin, load, bar.corrected, middle, ahead, self._check.unjudged)
 
     def _sampled(self, check: HeldCheck, step: Step, times: Array, memory: dict[str, Array], largest: float) -> Seen:
         """The same of a modal level, on the coarse shell where that serves: where its bar leaves room at its worst."""
         sampled, x, known = check.sampled, step.frames[1], memory["agreed"]
         assert sampled is not None
-        load, allowed = check.load_under(times, np.stack(step.frames), step.load), self._allowed * largest
-        found = sampled.found(x, step.inner.coordinates, load)
+        load, ahead = check.load_under(times, np.stack(step.frames), step.load)
+        allowed, inner = self._allowed * largest, step.inner
+        strained = inner.coordinates + self._damping.stiffness_factor * inner.rates
+        found = sampled.found(x, strained, load, ahead)
         if found is not None and sampled.trusts(known, step.moved):
             off, margin = sampled.surely(found, known)
             if off <= allowed and margin > LEAST_MARGIN:
                 memory["agreed"] = known + np.array([0.0, 0.0, 1.0])
-                return Seen(off / largest, margin, load, x + found.added, times[1])
-        bar = check.static(x, load)
+                return Seen(off / largest, margin, load, x + found.added, times[1], ahead)
+        bar = check.static(x, load, ahead=ahead)
         memory["agreed"] = sampled.compared(found, bar, x, step.moved, allowed, known)
-        return Seen(check.off(bar, x) / largest, bar.margin, load, bar.corrected, times[1])
+        return Seen(check.off(bar, x) / largest, bar.margin, load, bar.corrected, times[1], ahead)
 
     def checked(self, step: Step, memory: dict[str, Array]) -> Seen:
         """The check of a modal level; :meth:`learn` says what it tells of states."""
