@@ -44,14 +44,16 @@ class ContactEstimator(Estimator):
         super().__init__(shell, led)
         if not rubbed:
             refuse_friction(contacts, "error bars")
-        self.touching, self.unsettled = Touching(contacts, self.shell, self.origin), False
+        self.touching = self._met = Touching(contacts, self.shell, self.origin)
+        self.unsettled = False
         self._rest: Rest | None = None
         self._frames: Frames | None = None
         self._held = np.empty((0, 3, 3))
 
-    def look(self, time: float) -> None:
-        """Take the colliders where they are at ``time`` [s]."""
-        self.touching = self.touching.at(time)
+    def look(self, time: float, ahead: Array | None = None) -> None:
+        """Take the colliders where they are at ``time`` [s], and shapes whose stresses are ``ahead`` (n, 3) [m]."""
+        met = self._met.at(time)
+        self.touching = met if ahead is None else met.behind(ahead)
 
     def _steps(self, problem: Potential, x: Array) -> tuple[Array, list[Array]]:
         touching, self.unsettled = self.touching, False

@@ -78,16 +78,16 @@ class TouchingFrames:
         struck = (now > INSIDE * touching.size) & (after < 0.0)
         return float(np.sqrt(self._mass[touching.vertices[struck]] @ (now - after)[struck] ** 2)) / dt
 
-    def bar(self, times: Array, frames: Array, load: Array) -> tuple[ErrorBar, str]:
+    def bar(self, times: Array, frames: Array, load: Array, ahead: Array | None = None) -> tuple[ErrorBar, str]:
         """Bar of the middle one of three frames (3, n, 3) [m] at ``times`` (3,) [s], and why it is not judged, or "".
 
-        ``load`` (n, 3) [N] is that in balance, with d'Alembert's.
+        ``load`` (n, 3) [N] is that in balance, with d'Alembert's; see :meth:`Estimator.bar` of ``ahead``.
         """
         reason = self._unjudged(times, frames, load)
         if reason:
             return ErrorBar(np.inf, -np.inf, 0.0, False, frames[1].copy(), 0.0, reason), reason
-        self._estimator.look(float(times[1]))
-        bar = self._estimator.bar(frames[1], load, time=float(times[1]))
+        self._estimator.look(float(times[1]), ahead)
+        bar = self._estimator.bar(frames[1], load, time=float(times[1]), ahead=ahead)
         if not self._estimator.unsettled:
             return bar, ""
         return bar, STRUCK if self._strike(times, frames) > 0.0 else UNSETTLED

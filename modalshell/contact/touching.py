@@ -124,6 +124,12 @@ class Touching:
             other.shell = shell
         return other
 
+    def behind(self, ahead: Array) -> Touching:
+        """The same contacts, of a shell that is at positions less what those are ``ahead`` by (n, 3) [m]."""
+        other = self.at(self.time)
+        other._origin = (0.0 if self._origin is None else self._origin) - ahead
+        return other
+
     def with_bounds(self, bounds: Array | None) -> Touching:
         """The same contacts, with other gaps that count as none."""
         other = self.at(self.time)
@@ -136,9 +142,8 @@ class Touching:
         gap, normal = np.empty(chosen.size), np.empty((chosen.size, 3))
         curvature = np.empty((chosen.size, 3, 3))
         for contact, here in self._parts(chosen):
-            points = self._in_world(x[self.vertices[chosen[here]]])
-            found = contact.gap(points, self.time)
-            gap[here], normal[here], curvature[here] = found
+            points = self._in_world(x, self.vertices[chosen[here]])
+            gap[here], normal[here], curvature[here] = contact.gap(points, self.time)
         if self.bounds is not None:
             gap -= self.bounds[chosen]
         return gap, normal, curvature
@@ -147,36 +152,34 @@ class Touching:
         """Normals (k, 3) of the colliders at the rows' vertices."""
         normal = np.empty((rows.size, 3))
         for contact, here in self._parts(rows):
-            normal[here] = contact.normal(self._in_world(x[self.vertices[rows[here]]]), self.time)
+            normal[here] = contact.normal(self._in_world(x, self.vertices[rows[here]]), self.time)
         return normal
 
     def velocities(self, x: Array, rows: Index) -> Array:
         """Velocities (k, 3) [m/s] of the colliders at the rows' vertices."""
         velocity = np.empty((rows.size, 3))
         for contact, here in self._parts(rows):
-            points = self._in_world(x[self.vertices[rows[here]]])
-            velocity[here] = contact.velocity(points, self.time)
+            velocity[here] = contact.velocity(self._in_world(x, self.vertices[rows[here]]), self.time)
         return velocity
 
     def ways(self, x: Array, rows: Index, dt: float) -> Array:
         """Ways (k, 3) [m] of the colliders' material at the rows' vertices in the next ``dt`` [s]."""
         way = np.empty((rows.size, 3))
         for contact, here in self._parts(rows):
-            points = self._in_world(x[self.vertices[rows[here]]])
-            way[here] = contact.way(points, self.time, dt)
+            way[here] = contact.way(self._in_world(x, self.vertices[rows[here]]), self.time, dt)
         return way
 
     def distances(self, x: Array) -> Array:
         """Gaps (r,) [m] of all rows alone."""
         gap = np.empty(self.vertices.size)
         for contact, begin, end in zip(self.contacts, self._ends[:-1], self._ends[1:], strict=True):
-            points = self._in_world(x[self.vertices[begin:end]])
-            gap[begin:end] = contact.distance(points, self.time)
+            gap[begin:end] = contact.distance(self._in_world(x, self.vertices[begin:end]), self.time)
         return gap if self.bounds is None else gap - self.bounds
 
     def packed(self) -> Packed | None:
-        """The colliders as they are now, for compiled gaps; None where one has no compiled form."""
-        return packed(self.contacts, self._forms, self.time, self._origin)
+        """The colliders as they are now, for compiled gaps; None where one, or what is ahead, has no compiled form."""
+        shifted = self._origin is not None and self._origin.ndim > 1
+        return None if shifted else packed(self.contacts, self._forms, self.time, self._origin)
 
     def deepest_by_contact(self, x: Array) -> Array:
         """For each row the gap (r,) [m] of its contact's deepest vertex, at most 0."""
@@ -190,17 +193,15 @@ class Touching:
         """Rows of one contact."""
         return slice(int(self._ends[index]), int(self._ends[index + 1]))
 
-    def _in_world(self, points: Array) -> Array:
-        """Points (k, 3) [m] as the colliders know them."""
-        return points if self._origin is None else points + self._origin
+    def _in_world(self, x: Array, vertices: Index) -> Array:
+        """Some vertices (k,) at positions x (n, 3) [m] as the colliders know them."""
+        points, origin = x[vertices], self._origin
+        return points if origin is None else points + (origin if origin.ndim == 1 else origin[vertices])
 
     def _parts(self, rows: Index) -> list[tuple[Contact, Any]]:
-        parts = []
-        for contact, begin, end in zip(self.contacts, self._ends[:-1], self._ends[1:], strict=True):
-            here = np.flatnonzero((rows >= begin) & (rows < end))
-            if here.size:
-                parts.append((contact, here))
-        return parts
+        ends = zip(self.contacts, self._ends[:-1], self._ends[1:], strict=True)
+        parts = [(contact, np.flatnonzero((rows >= begin) & (rows < end))) for contact, begin, end in ends]
+        return [(contact, here) for contact, here in parts if here.size]
 
     def starts(self, rows: Index) -> tuple[Index, Index]:
         """First unknown of each row's vertex, and how many it has."""
@@ -226,7 +227,7 @@ class Touching:
             if np.isfinite(radius) and vertices.size:
                 way = np.linalg.norm(moved[vertices] - x[vertices], axis=1)
                 if way.max() > _PASSABLE * radius:
-                    points = self._in_world(x[vertices])
+                    points = self._in_world(x, vertices)
                     allowed = np.maximum(contact.distance(points, self.time), 0.0) + _PASSABLE * radius
                     part = min(part, float((allowed / np.maximum(way, 1e-300)).min()))
         return part
@@ -243,14 +244,14 @@ class Touching:
             if not _PASSABLE * radius < most < np.inf:
                 continue
             vertices = self.vertices[self.of_contact(index)]
-            begin, way = x[vertices], moved[vertices] - x[vertices]
+            begin, way = self._in_world(x, vertices), moved[vertices] - x[vertices]
             length = np.linalg.norm(way, axis=1)
             gone = np.where(length > _PASSABLE * radius, 0.0, length)  # shorter ways lead through nothing
             for look in range(_LOOKS):
                 left = np.flatnonzero(gone < length)
                 if not left.size:
                     break
-                points = self._in_world(begin[left] + (gone[left] / length[left])[:, None] * way[left])
+                points = begin[left] + (gone[left] / length[left])[:, None] * way[left]
                 gap = contact.distance(points, self.time)
                 if look and gap.min() < -_PASSED * radius:
                     return True
@@ -268,7 +269,7 @@ class Touching:
 
     def inside(self, x: Array, vertices: Index) -> list[int]:
         """Contacts in whose colliders some vertices (k,) lie at positions x (n, 3), whatever holds them."""
-        points = self._in_world(x[vertices])
+        points = self._in_world(x, vertices)
         chosen = (contact.vertices(self.shell.mesh)[vertices] for contact in self.contacts)
         gaps = [contact.distance(points[own], self.time) for contact, own in zip(self.contacts, chosen, strict=True)]
         return [index for index, gap in enumerate(gaps) if gap.min(initial=0.0) < -INSIDE * self.size]

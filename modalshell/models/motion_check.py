@@ -209,7 +209,7 @@ class MotionCheck:
         if self._touching is not None:
             if forces is not None:
                 load = load + self._touching.friction(times, own, self._forces_in_frame(times, forces))
-            bar, self.unjudged = self._touching.bar(times, own, load)
+            bar, self.unjudged = self._touching.bar(times, own, load, ahead)
         elif self._coarse is None:
             bar = self._estimator.bar(x, load, time=time, ahead=ahead)
         else:
@@ -236,8 +236,6 @@ class MotionCheck:
         """The same of frames (3, n, 3) [m] in the frame of the supports."""
         now = instant_of(times, own)
         load = balancing_load(now, self._shell, self._loading, self._damping, self._supports, dead)
-        if self._touching is not None:  # what is ahead would be inside the colliders
-            return load, None
         return load, strained_ahead(now, self._damping, self.basis)
 
     def static(self, positions: Array, load: Array, time: float = 0.0, ahead: Array | None = None) -> ErrorBar:

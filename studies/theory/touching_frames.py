@@ -12,7 +12,7 @@ from modalshell.contact.contact import stopped
 from modalshell.core.typing import Array
 from modalshell.models.motion_check import MotionCheck, touching_frames
 
-GRAVITY, DAMPING, STEP, EVERY, MODES = (0.0, 0.0, -9.81), ms.Damping(2.0, 1e-3), 1.0 / 60.0, 6, 8
+GRAVITY, DAMPING, STEP, EVERY, MODES = (0.0, 0.0, -9.81), ms.Damping(2.0), 1.0 / 60.0, 6, 8
 """Gravity [m/s^2], damping, step [s], steps from one bar to the next, and modes."""
 
 
