@@ -189,6 +189,6 @@ def finding(result: StudyResult) -> str:
         f"{last['free']['frame']:.2g} s on {last['threads']}; a published program took {published['frame']:g} s on "
         f"{published['threads']}. Its ten iterations do not solve so large a sheet: they leave a residual of "
         f"{last['residual']:.0f} times the load, and a residual of {SOLVED:g} takes {last['solved']['iterations']} "
-        f"iterations and {last['factored']['iterations']:.2g} CPU seconds a step. A factorisation takes "
-        f"{last['factored']['seconds']:.2g} to rounding. Who wants solved steps takes {choice}."
+        f"iterations and {last['factored']['iterations']:.2g} CPU seconds a step. A factorisation solves it "
+        f"to rounding in {last['factored']['seconds']:.2g}. Who wants solved steps takes {choice}."
     )

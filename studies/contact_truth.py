@@ -283,7 +283,8 @@ def table(result: StudyResult) -> str:
     found = result.findings
     missed = aims_missed(found["held"])
     aims = [
-        {"aim": name, "wanted": HELD[name], "found": value, "holds": "no" if name in missed else "yes"}
+        {"aim": name, "wanted": HELD[name], "found": value}
+        | {"holds": None if value is None else "no" if name in missed else "yes"}
         for name, value in found["held"].items()
     ]
     return paragraphs(
@@ -359,13 +360,13 @@ def table(result: StudyResult) -> str:
 def finding(result: StudyResult) -> str:
     """The result in a sentence or two, and which aims it misses."""
     found = result.findings["held"]
-    missed = aims_missed(found)
+    missed, looked_at = aims_missed(found), sum(one is not None for one in found.values())
     cells = 80 if found["lifted sheet, force, 80 cells"] is not None else 40
     return (
         f"At {cells} cells a lifted sheet's force is within "
         f"{at_most(100 * found[f'lifted sheet, force, {cells} cells'])} % of the elastica's. No vertex is deeper than "
         f"{at_most(found['depth'], 1)} m, no step on a floor gains energy, a strip slides as a block does within "
         f"{at_most(100 * found['sliding strip'], 1)} %. On a table RSW is at most "
-        f"{at_most(100 * found['RSW on a table'])} % from discrete shells. Of {len(found)} aims "
+        f"{at_most(100 * found['RSW on a table'])} % from discrete shells. Of {looked_at} aims "
         f"{f'{len(missed)} are missed: ' + '; '.join(missed) if missed else 'none is missed'}."
     )

@@ -18,7 +18,7 @@ import modalshell as ms
 from modalshell.core.typing import Progress
 from modalshell.files.study_result import StudyResult
 from studies.character import clothes, skeleton
-from studies.pages import counted, markdown, result_of
+from studies.pages import at_most, counted, markdown, result_of
 
 FIGURES = ("figure_8",)
 
@@ -199,6 +199,7 @@ def finding(result: StudyResult) -> str:
     residual = max(row["position_residual"] for row in rows)
     return (
         f"{len(rows)} shells of {vertices:,} vertices follow the joints at {whole_rate(rows):.0f} frames "
-        f"a second and meet their constraints within {residual:.0e} m; no area changes by more than {100 * area:.1f} %."
+        f"a second and meet their constraints within {at_most(residual, 1)} m; no area changes by more than "
+        f"{at_most(100 * area)} %."
         " A few modes bend a knee smoothly: its edges shorten and stretch instead of creasing."
     )

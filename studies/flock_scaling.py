@@ -128,5 +128,5 @@ def finding(result: StudyResult) -> str:
         f"Among {grid['boids']:,} boids a grid of cells finds neighbours {grid['steps_per_second'] / pairs:.1f} times "
         f"as fast as trying all pairs. Of {large['instances']:,} birds of {large['vertices']:,} vertices one thread "
         f"computes {large['per_second_mwts'] / 1e3:.0f} thousand MWTS shapes a second in float64, "
-        f"{large['ratio_products']:.2f} times as many as the two matrix products alone take by BLAS."
+        f"{large['ratio_products']:.2f} times as many as BLAS computes the two matrix products of."
     )

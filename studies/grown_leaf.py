@@ -217,5 +217,5 @@ def finding(result: StudyResult) -> str:
     return (
         f"A strip's growth at buckling is {off} % above plate theory's with {cells} cells across. At a growth of "
         f"{100.0 * last['growth']:.0f} % the leaf's margins make {last['waves']:.1f} waves each and follow "
-        f"{100.0 * last['followed']:.0f} % of it{f', on half as many cells {on_fewer}' if on_fewer else ''}."
+        f"{100.0 * last['followed']:.0f} % of it{f', with half as many cells across {on_fewer}' if on_fewer else ''}."
     )

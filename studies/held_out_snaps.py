@@ -222,8 +222,8 @@ def finding(result: StudyResult) -> str:
     return (
         f"Through the snap of the stiff V-beam the hybrid is {at_most(100 * worst)} % off fine DS at most in "
         f"{len(named)} named motions with either damping, {percent(after, '.2g')} at rest after it. Of "
-        f"{len(found['rows']) - len(named)} loads drawn by a seed half are within {percent(half['coarse'], '.2g')} of "
-        f"the coarse shell that trained it ({percent(half['fine'], '.2g')} of fine DS), 90 % within "
-        f"{percent(most['coarse'], '.2g')} ({percent(most['fine'], '.2g')}); steps of a frame themselves are off by "
+        f"{len(found['rows']) - len(named)} loads drawn by a seed half are within {at_most(100 * half['coarse'])} % of "
+        f"the coarse shell that trained it ({at_most(100 * half['fine'])} % of fine DS), 90 % within "
+        f"{at_most(100 * most['coarse'])} % ({at_most(100 * most['fine'])} %); steps of a frame themselves are off by "
         f"{percent(half['steps'], '.2g')} and {percent(most['steps'], '.2g')}."
     )

@@ -122,7 +122,8 @@ def missed(findings: dict[str, Any]) -> str:
     rows = [(row["intervals"][name], true) for row in findings["rows"] for name, true in row["exact"].items()]
     beyond = sum(not low <= true <= high for (low, high), true in rows)
     return (
-        f"intervals know independent errors alone: without any, {beyond} of {len(rows)} miss by what the mesh is off."
+        f"intervals account for independent errors of measurement alone: of exact data {beyond} of {len(rows)} miss "
+        "the true constant, by the error of the mesh."
     )
 
 
@@ -147,9 +148,7 @@ def table(result: StudyResult) -> str:
         "{curves} | {mean:100*+.2f} | {largest:100*.2f} | {width:100*.2f} | {held}",
         [{"curves": off.size, "mean": off.mean(), "largest": abs(off).max(), "width": width, "held": held(found)}],
     )
-    return (
-        f"{constants}\n\nIn the table {missed(found)}\n\nTip curves with errors of 1 % of the largest drop:\n\n{curves}"
-    )
+    return f"{constants}\n\nHere {missed(found)}\n\nTip curves with errors of 1 % of the largest drop:\n\n{curves}"
 
 
 def finding(result: StudyResult) -> str:

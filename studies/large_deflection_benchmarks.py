@@ -290,7 +290,7 @@ def table(result: StudyResult) -> str:
     )
     words = (
         "Displacements are in the units of the publication. An error is the largest difference at a load over the "
-        "largest displacement: a small one may be off by more of itself."
+        "largest displacement of that path: at small loads the share of the displacement there may be larger."
     )
     return paragraphs(words, largest, every)
 

@@ -179,7 +179,8 @@ def finding(result: StudyResult) -> str:
 
     def above(support: str) -> str:
         own = [off(row, row["narrow"]) for row in beam if (row["energy"], row["support"]) == ("Isotropic", support)]
-        return f"{at_most(100 * max((one for one in own if one is not None), default=0.0))} %"
+        known = [one for one in own if one is not None]
+        return f"{at_most(100 * max(known))} %" if known else "-"
 
     return (
         f"Clamped strips of width 0.05 to 0.4 buckle sideways within {largest('Isotropic', thin)} of thin finite "

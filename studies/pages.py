@@ -83,7 +83,7 @@ def markdown(headings: str, cells: str, rows: Iterable[Mapping[str, Any]]) -> st
 
 
 def at_most(value: float, digits: int = 2) -> str:
-    """A bound as text, rounded up: nothing within it is beyond what is written."""
+    """A bound as text, rounded up to some significant ``digits``; what is beyond nine of them is rounding."""
     return f"{float(Context(digits, ROUND_CEILING).create_decimal(f'{value:.9g}')):g}"
 
 

@@ -170,6 +170,7 @@ def finding(result: StudyResult) -> str:
     left = f"; none comes of {', '.join(others)}" if others else ""
     return (
         f"One command without options makes a sensible film of {plain} of {len(rows)} meshes of {packages} other "
-        f"packages, with `--repair` of {mended}, one or the other of {len(rows) - len(others)}{left}. The slowest took "
-        f"{slowest:.0f} s of one core; the largest mesh has {max(row['triangles'] for row in rows):,} triangles."
+        f"packages, with `--repair` of {mended}, one of the two or both of {len(rows) - len(others)}{left}. The "
+        f"slowest took {slowest:.0f} s of one core; the largest mesh has {max(row['triangles'] for row in rows):,} "
+        "triangles."
     )

@@ -58,7 +58,10 @@ SHORTER = {
     "blind_motions": {"studies.blind_motions.QUICK": 2, "studies.blind_motions.FRAMES": 45},
     "cloth_scaling": {"studies.cloth_scaling.SIDES": (25, 50)},
     "engines": {"studies.engines._FRAMES": 2},
-    "held_out_advice": {"modalshell.models.hybrid.measures:Measures.motions": 8},
+    "held_out_advice": {
+        "modalshell.models.hybrid.measures:Measures.motions": 8,
+        "modalshell.models.hybrid.split_fold_measures:SplitFoldMeasures.motions": 8,
+    },
     "integrator_drift": {"studies.integrator_drift.CYCLES": 3},
     "motion_truth": {
         "studies.motion_limits.COST_FINE": 320,
@@ -73,7 +76,11 @@ SHORTER = {
         "studies.stability_atlas.MOST": 6,
         "studies.stability_atlas.PATIENCE": 1,
     },
-    "tradeoff": {"studies.tradeoff.REPEATS": 1, "modalshell.models.hybrid.measures:Measures.motions": 4},
+    "tradeoff": {
+        "studies.tradeoff.REPEATS": 1,
+        "modalshell.models.hybrid.measures:Measures.motions": 4,
+        "modalshell.models.hybrid.split_fold_measures:SplitFoldMeasures.motions": 4,
+    },
     "validity_map": {"studies.validity_map.MOTIONS": 4},
 }
 """What quick studies take less of in the tests: repeats for exact timings, and work for findings that none looks at."""

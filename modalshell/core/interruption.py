@@ -1,4 +1,4 @@
-"""While a command is imported Ctrl-C ends it with one line, and no cyclic garbage is looked for.
+"""While a command is imported, Ctrl-C ends it with one line, and the search for cyclic garbage is off.
 
 The package imports this module first.
 """
@@ -22,8 +22,11 @@ def _hook(kind: type[BaseException], error: BaseException, trace: TracebackType 
 
 def is_command(arguments: list[str]) -> bool:
     """Whether a process with these arguments is the package's own command, by its script or by ``-m``."""
-    if len(arguments) > 1 and "-m" in arguments[1:]:
-        return arguments[arguments.index("-m") + 1 :][:1] == ["modalshell"]
+    for place, argument in enumerate(arguments[1:], start=1):
+        if argument == "-m":
+            return arguments[place + 1 : place + 2] == ["modalshell"]
+        if not argument.startswith("-") and arguments[place - 1] not in ("-X", "-W"):
+            break  # the script: what follows are its own arguments
     return any(Path(argument).stem == "modalshell" for argument in arguments[:2])
 
 

@@ -83,6 +83,8 @@ def scene_path(scene: Scene, on_step: Progress | None = None, **changed: Any) ->
             raise OptionError("a path knows no supports that move and no constraints: leave them out")
         if any(isinstance(load, Scaled) for load in built.loads):
             raise OptionError("a path knows no time: leave times and factors of loads out")
+        if (table.watch is None) != (table.direction is None):
+            raise OptionError("watch needs a direction, and a direction needs vertices to watch")
         options = {name: getattr(table, name) for name in table.__struct_fields__ if name not in ("watch", "direction")}
         watch = None if table.watch is None else (table.watch, table.direction)
         return equilibrium_path(

@@ -86,7 +86,10 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
         raise SceneError(f"{file}: motion.duration: must be at least one step of {least} (got {motion.duration:g})")
     followed = optional.get("path")
     if followed is not None and (followed.watch is None) != (followed.direction is None):
-        raise SceneError(f"{file}: path.watch: needs a direction, and a direction vertices to watch")
+        given, lacking = ("watch", "direction") if followed.direction is None else ("direction", "watch")
+        raise SceneError(
+            f"{file}: path.{lacking}: is missing (got {given} alone): give vertices to watch and a direction"
+        )
     model, sheet = chosen(file, "model", raw["model"], "name", model_tables()), raw["material"]
     declared: dict[str, Any] = optional | {
         "name": name,

@@ -80,8 +80,8 @@ def hinge_rows(mesh: TriangleMesh) -> tuple[Array, Array, Array]:
     Returns
     -------
     rows : ndarray, shape (H, 3)
-        ``theta = rows . (kappa_tt, kappa_nn, kappa_tn)``, t along the edge, n across it in the tangent plane,
-        curvatures positive where the normals spread; lengths taken in the unfolded pair of triangles [m].
+        ``theta = rows . (kappa_tt, kappa_nn, kappa_tn)``, t along the edge, n across it to its left in the tangent
+        plane, curvatures positive where the normals spread; lengths taken in the unfolded pair of triangles [m].
     tangents, normals : ndarray, shape (H, 3)
         Unit vectors t and the mean surface normals.
     """

@@ -74,8 +74,10 @@ class Crease(ReadOnlyArrays):
         pairs = not isinstance(self.sel, str) and np.ndim(self.sel) == 2
         if pairs:
             entries = as_array("sel", self.sel, "pairs of vertices (k, 2)", OptionError, "iu")
-            if entries.shape[1] != 2 or not entries.size or mixes_masks(self.sel):
-                raise OptionError(f"sel must be vertices, or pairs of vertices (k, 2) (got {shown(self.sel)})")
+            if entries.shape[1] != 2 or not entries.size:
+                raise OptionError(f"sel must be vertices, or pairs of vertices (k, 2) (got shape {entries.shape})")
+            if mixes_masks(self.sel):
+                raise OptionError(f"sel must be pairs of vertices (k, 2), not true or false (got {shown(self.sel)})")
             object.__setattr__(self, "sel", read_only_copy(entries))
         else:
             object.__setattr__(self, "sel", checked_selection("sel", self.sel))

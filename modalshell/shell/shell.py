@@ -204,11 +204,12 @@ class Shell(EnergyAccess):
         return further
 
     def with_elements(self, elements: list[ElementSet]) -> Shell:
-        """The same vertices, masses, supports and further energies, with other elements than its material's."""
+        """The same, with elements in place of its material's, and of further energies that are named as they are."""
         if self._slopes.mirrored.size:
             raise SupportError("springs across hinges know no plane of symmetry: take a mesh of the whole surface")
         other = copy.copy(self)
-        further = further_elements(self.energies, self.rest_mesh)
+        given = {each.name for each in elements}
+        further = [each for each in further_elements(self.energies, self.rest_mesh) if each.name not in given]
         other._energy = ElementSum([*elements, *further], len(self.rest_positions))
         other._support(self.unknowns)
         return other

@@ -129,8 +129,9 @@ def fold_moments(
     free: NDArray[np.bool_],
     bending: Elasticity | None = None,
 ) -> Any:
-    """Stiffness (P, 5, 5) of pairs, then single triangles, by their folds, ``free`` ones (P, 5) condensed out.
+    """Stiffness (P, 5, 5) [N m] by their folds, ``free`` ones (P, 5) condensed out, of pairs and single triangles.
 
+    ``faces`` and ``corners`` (P, 2) are as :func:`paired_triangles` gives them: all pairs before the first single one.
     Folds are those at the common edge, at the two edges of the first triangle after it and at those of the second. Of a
     single triangle the last two have none. Constants are those of every triangle (T,), complex ones too; in place of
     them ``bending`` is the elasticity of a sheet that is not isotropic.

@@ -93,15 +93,15 @@ def _sides(mesh: TriangleMesh, faces: Index) -> Array:
 
 
 def _reach(mesh: TriangleMesh, faces: Index, weight: Array) -> Array:
-    """At each corner the sides to both others, times a weight (T,)."""
+    """Sums (T, 3, 3) of the vectors [m] from each corner to both others, times a weight (T,)."""
     sides = _sides(mesh, faces)
     return np.asarray(weight[:, None, None] * (sides - np.roll(sides, 1, axis=1)))
 
 
 def _moved(mesh: TriangleMesh, reach: Array, faces: Index, normals: Array, corners: Index) -> Array:
-    """What each corner's group gives to the triangle's vertices (T, 3, 3), by the gradients of their hat functions.
+    """What the group of each corner, of ``reach`` (count, 3), gives to the triangle's vertices; shape (T, 3, 3).
 
-    These are those of the heights over the opposite sides.
+    It goes by the gradients of their hat functions: that of a corner's height over the opposite side.
     """
     gradients = np.cross(normals[:, None], np.roll(_sides(mesh, faces), -1, axis=1)) / 2.0
     return np.asarray(np.einsum("tcx,tvx->tcv", reach[corners], gradients))

@@ -29,7 +29,7 @@ class SpringSheet(FullModel):
     Parameters
     ----------
     shell : Shell
-        Mesh, masses, supports and further energies; that of its material too where ``springs`` are not given.
+        Mesh, masses, supports and further energies; its material's, too, where ``springs`` are not given.
     springs : Springs, optional
         Springs between the mesh's vertices; by default those of :func:`modalshell.springs.shell_springs`.
     integrator : str or FullIntegrator
@@ -86,7 +86,10 @@ class SpringSheet(FullModel):
             if rule.key != LinearImplicitEuler.key:
                 raise OptionError(f"conjugate gradients serve integrator='linear_implicit' only (got {rule.key!r})")
             if shell.energies:
-                raise OptionError("conjugate gradients know springs alone (got energies): take solver='factor'")
+                keys = ", ".join(type(each).key for each in shell.energies)
+                raise OptionError(
+                    f"solver='cg' knows springs alone (got further energies: {keys}): take solver='factor'"
+                )
             rule = ConjugateGradientEuler(self.springs, shell, self.iterations)
         super().__init__(
             shell.with_elements([self.springs.element_set()]),

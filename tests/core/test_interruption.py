@@ -59,6 +59,7 @@ def test_other_programs_keep_their_traceback(tmp_path):
         (["python", "-m", "pytest", "modalshell"], False),
         (["python", "-m"], False),
         (["python", "mine.py"], False),
+        (["python", "/usr/bin/pytest", "-m", "modalshell"], False),
         ([], False),
     ],
 )

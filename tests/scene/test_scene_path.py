@@ -69,7 +69,7 @@ def test_watched_vertices_come_from_a_file(scene, tmp_path):
     (tmp_path / "tip.txt").write_text("3\n4\n")
     table = '[path]\nuntil = 0.1\nwatch = "tip.txt"\ndirection = [0.0, 0.0, -1.0]\n'
     assert ms.load_scene(scene(table)).path.watch == [3, 4]
-    with pytest.raises(ms.SceneError, match=r"path\.watch: needs a direction"):
+    with pytest.raises(ms.SceneError, match=r"path\.direction: is missing"):
         ms.load_scene(scene('[path]\nwatch = "tip.txt"\n'))
 
 

@@ -285,7 +285,7 @@ REFUSED = [
     ({"sel": [0]}, ms.OptionError, "sel has no edge of two triangles"),
     ({"sel": [[0, 10**6]]}, ms.OptionError, "is no edge"),
     ({"sel": np.zeros((2, 3), dtype=int)}, ms.OptionError, "pairs of vertices"),
-    ({"sel": [[0, True]]}, ms.OptionError, r"pairs of vertices \(k, 2\) \(got \[\[0, True\]\]"),
+    ({"sel": [[0, True]]}, ms.OptionError, r"pairs of vertices \(k, 2\), not true or false \(got \[\[0, True\]\]"),
     ({"sel": [0.5]}, ms.OptionError, "sel must be"),
     ({"yield_moment": 0.0}, ms.MaterialError, "yield_moment must be a finite number above 0"),
     ({"yield_moment": np.nan}, ms.MaterialError, "yield_moment must be"),

@@ -96,7 +96,7 @@ def test_the_table_and_the_finding_tell_films_repairs_and_refusals():
     assert [line[-1] for line in cells] == ["20 |", "15 |", "- |"]
     assert unread == ["| file", "message |"]
     told = strangers_meshes.finding(result)
-    assert "of 1 of 3 meshes of 2 other packages, with `--repair` of 2, one or the other of 2;" in told
+    assert "of 1 of 3 meshes of 2 other packages, with `--repair` of 2, one of the two or both of 2;" in told
     assert "none comes of q: c." in told
     assert "slowest took 7 s of one core; the largest mesh has 1,200 triangles" in told
 
