@@ -290,15 +290,13 @@ class TouchingSteps:
         found = touched_frame(self.now.at(time), x, self.pushes, given)
         return found if self.layers is None else found._replace(self_contact=self.layers.least(x))
 
-    def projected(
-        self, x: Array, rates: Array, time: float, dt: float, drag: float = 0.0, reach: float = 0.0
-    ) -> tuple[Array, Array]:
+    def projected(self, x: Array, rates: Array, time: float, dt: float, drag: float = 0.0) -> tuple[Array, Array]:
         """Positions and rates (n, 3) at ``time`` [s] with what entered put onto its collider [bridson2002].
 
-        Its speed inward is turned round by the restitution, or removed, and friction lessens the speed
-        along the surface by its coefficient times that change, at most to nothing. ``dt`` is the step [s],
-        ``drag`` what its equations let drag by the mass take of a change of speed, which the forces overcome, and
-        ``reach`` [s] for how long the step went on at its last change of speed, so that what sticks does not creep.
+        Its speed inward is turned round by the restitution, or removed, and friction lessens the speed along the
+        surface by its coefficient times that change, at most to nothing; the way back is that speed times the time that
+        the vertex was inside, so that what sticks does not creep. ``dt`` is the step [s], and ``drag`` what its
+        equations let drag by the mass take of a change of speed, which the forces overcome.
         """
         touching = self.now = self.now.at(time)
         self._stopping, given = None, rates
@@ -307,6 +305,7 @@ class TouchingSteps:
         if not rows.size:
             return x, rates
         x, rates, back = x.copy(), rates.copy(), np.zeros((rows.size, 3))
+        depths = -touching.gaps(x, rows)[0]
         touching.put_on(x, rows, np.zeros(rows.size))
         drift, normals = touching.velocities(x, rows), touching.normals(x, rows)
         for index, (row, normal, carried) in enumerate(zip(rows, normals, drift, strict=True)):
@@ -319,7 +318,7 @@ class TouchingSteps:
                 slip = float(np.linalg.norm(along))
                 kept = max(0.0, 1.0 - contact.friction * change / slip) if slip > 0.0 else 0.0
                 rates[vertex] = carried + kept * along + contact.restitution * inward * normal
-                back[index] = (kept - 1.0) * reach * along
+                back[index] = (kept - 1.0) * min(dt, depths[index] / inward) * along
         if back.any():
             touching.slide(x, rows, back)
             touching.put_on(x, rows, np.zeros(rows.size))

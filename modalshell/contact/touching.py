@@ -289,7 +289,7 @@ class Touching:
             self.slide(x, rows, -(off / free)[:, None] * normal)
 
     def slide(self, x: Array, rows: Index, ways: Array) -> None:
-        """Move the vertices of rows by ``ways`` (k, 3) [m], in place, as far as their supports let them."""
+        """Move the vertex of each row (k,) by its way (k, 3) [m], in place, as far as its supports let it."""
         vertices = self.vertices[rows]
         np.add.at(x, vertices, np.einsum("kij,kj->ki", self._basis[vertices], self.along(rows, ways)))
 

@@ -336,10 +336,10 @@ class CoarseDiscreteShell(OnCoarse):
         return MotionState(state.coordinates + dt * (rates - state.rates), rates)
 
     def resisting(self, vertices: Index, drag: Array, rates: Array) -> tuple[DiscreteShell, Array]:
-        """The coarse shell, on which loads fall with velocities in a step, and loads (k, 3) [N] with which they do.
+        """The coarse shell whose steps resist velocities by a ``drag`` (j, 3, 3) [N s/m] at some fine vertices (j,).
 
-        They are taken at ``rates`` (k, 3) [m/s]; each vertex has its share of their ``drag``, so that the matrix keeps
-        its pattern.
+        And the load (k, 3) [N] that undoes this at ``rates`` (k, 3) [m/s], at which loads were taken. Each coarse
+        vertex has its share of the drag, so that the matrix keeps its pattern.
         """
         shares, model = abs(self.weights[vertices]), copy.copy(self.coarse)
         blocks = (shares.T @ (drag.reshape(-1, 9) / shares.sum(axis=1)[:, None])).reshape(-1, 3, 3)

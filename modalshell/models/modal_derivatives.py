@@ -262,9 +262,9 @@ class ModalDerivatives(ImplicitModel):
     def step_problem(
         self, start: EulerStart, push: Array, damping: Damping, fall: Array | None = None
     ) -> tuple[ReducedPotential, float]:
-        """The potential of such a step under reduced forces (r,), and the size of its forces.
+        """The potential of such a step under reduced forces (r,) at the rates expected, and the size of its forces.
 
-        They ``fall`` (r, r) [1/s] with the rates from those expected on.
+        ``fall`` (r, r) [1/s] is by how much they are less per rate above these.
         """
         z, dt = start.origin, start.dt
         quadratic = np.eye(z.size) * (1.0 / dt**2 + damping.mass_factor / dt)

@@ -71,8 +71,8 @@ def balancing_load(
 ) -> Array:
     """Load (n, 3) [N] in the frame of the supports under which a moving shell is in balance as if it rested.
 
-    All loads as they act on it (``dead`` ones (n, 3) [N] in place of the loading's own, if given), less its inertia and
-    the damping by the mass, ``f - M (a + xi v)``, and that of dashpots. Of other damping see :func:`strained_ahead`.
+    All loads as they act on it (``dead`` ones (n, 3) [N] in place of the loading's own, if given), with the forces of
+    dashpots, less inertia and damping by the mass, ``M (a + xi v)``. Of other damping see :func:`strained_ahead`.
     """
     v, dead = now.velocities, loading.dead if dead is None else dead
     load = acting_load(now.positions, v, now.time, dead, loading, shell.mass, supports)
@@ -84,9 +84,9 @@ def balancing_load(
 def strained_ahead(now: Instant, damping: Damping, basis: Basis | None = None) -> Array | None:
     """By what (n, 3) [m] the stresses of a moving shell are ahead of its shape, as it damps strains; None without.
 
-    Elastic and viscous forces ``g(x) + zeta K v`` are the elastic ones at ``x + zeta v``, and for modes of a ``basis``
-    that ratios d damp the time is ``2 d / omega``. Applied as forces, velocities of cheap models would stretch the
-    membrane, which drowns all else.
+    Elastic and viscous forces ``g(x) + zeta K v`` are nearly the elastic ones at ``x + zeta v``; for modes of a
+    ``basis`` that ratios d damp the time is ``2 d / omega``. As forces in the load they would act through velocities of
+    cheap models, which stretch the membrane, and would drown all else.
     """
     if not damping.strains:
         return None
@@ -239,9 +239,10 @@ class MotionCheck:
         return load, strained_ahead(now, self._damping, self.basis)
 
     def static(self, positions: Array, load: Array, time: float = 0.0, ahead: Array | None = None) -> ErrorBar:
-        """Bar of an answer at positions (n, 3) [m] that rests under a load (n, 3) [N], or has stresses ``ahead``.
+        """Bar of an answer at positions (n, 3) [m] under a load (n, 3) [N].
 
-        Colliders are as at ``time`` [s], and so are constraints.
+        It rests there, or stresses are those of a shape ``ahead`` (n, 3) [m] of it; see :meth:`Estimator.bar`.
+        Colliders and constraints are as at ``time`` [s].
         """
         if self._touching is not None:
             self._touching.estimator.look(time)

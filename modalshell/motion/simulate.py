@@ -71,7 +71,8 @@ def simulate(
         Rayleigh factors xi [1/s] of the mass and zeta [s] of the stiffness. Where supports move, xi slows velocity
         relative to them.
     start : array_like, shape (n, 3), optional
-        Positions at the start [m], supports in their rest pose, at whose speed it begins; by default the rest shape.
+        Positions at the start [m], with the supports in their rest pose; by default the rest shape. The shell begins at
+        rest relative to its supports: where these move already, it moves with them.
     supports : SupportPath, optional
         Moves the supports. Full models hold vertices along the path; modal models, and full ones whose supports hold
         single components, feel it as inertial loads in their own frame, with positions given in the world's.

@@ -310,7 +310,9 @@ class StepErrors:
     def unresolved(self) -> str:
         """What may feed a motion that does not die: forces that turn, on modes that steps do not resolve; else ""."""
         modal, dt = as_modal(self._stepper.model), self._stepper.setup.dt
-        if modal is None or modal.integrator.backward or modal.largest_turn(np.ones(modal.basis.count)) == 0.0:
+        if modal is None or modal.integrator.backward or modal.integrator.forced_at < 1.0:
+            return ""
+        if modal.largest_turn(np.ones(modal.basis.count)) == 0.0:
             return ""
         fastest = math.sqrt(float(modal.basis.eigenvalues.max()))
         resolved = 2.0 * math.pi / (_RESOLVED * fastest)

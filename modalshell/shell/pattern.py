@@ -107,7 +107,7 @@ class SparsePattern:
         return float(data[-inner.stiffness.nnz] / inner.stiffness.data[0])
 
     def block_diagonal(self, blocks: Array) -> Array:
-        """Entries of the symmetric halves of blocks (n, 3, 3) on the diagonal, one for each vertex."""
+        """Entries of a Hessian with symmetric parts of ``blocks`` (n, 3, 3) on its diagonal, one for each vertex."""
         data, axis = np.zeros(self.size), np.arange(3)
         data[self.diagonal.reshape(-1, 3, 1) + axis - axis[:, None]] = 0.5 * (blocks + blocks.transpose(0, 2, 1))
         return data

@@ -179,8 +179,8 @@ class Estimator(ABC):
     ) -> ErrorBar:
         """The bar of an answer at ``positions`` (n, 3) [m] under a dead ``load`` (n, 3) [N] and ``live`` ones.
 
-        Constraints lead vertices to where these are at ``time`` [s]. Stresses are those of a shape ``ahead`` by that
-        (n, 3) [m], as of a shell that damps its rates of strain.
+        Constraints lead vertices to where these are at ``time`` [s]. With ``ahead`` (n, 3) [m] stresses are those at
+        ``positions + ahead``, as of a shell that damps its rates of strain; the bar is that of ``positions``.
         """
         watch, shell = Stopwatch(), self.shell
         further = np.zeros_like(positions) if ahead is None else ahead

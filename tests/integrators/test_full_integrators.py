@@ -27,6 +27,9 @@ class Quarter:
     def to_world(self, positions):
         return positions @ TURN.T
 
+    def world_velocities(self, _, velocities):
+        return velocities @ TURN.T
+
 
 @pytest.mark.parametrize(
     ("make", "kept"),

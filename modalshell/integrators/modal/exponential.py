@@ -63,7 +63,9 @@ class Exponential(ModalIntegrator, key="exponential"):
         """State after a step."""
         stiffness, damp, h, size, dead = step
         # A state that was not made by the rule is taken for a start.
-        q, v, memory = state.coordinates, state.rates, state.memory or self.at_rest(state.coordinates).memory
+        q, v, memory = state.coordinates, state.rates, state.memory
+        if "force" not in memory:
+            memory = self.at_rest(q).memory
         table, stiff, length = self._flow(stiffness, damp, h)
         last = float(memory["step"][0])
         most, largest = (VIOLENT * size) ** 2, math.inf if stiff is None else (VIOLENT * size * stiff) ** 2

@@ -110,7 +110,7 @@ class HeldCheck:
     def static(self, x: Array, load: Array, time: float = 0.0, ahead: Array | None = None) -> ErrorBar:
         """Bar of an answer at x (n, 3) [m] in the frames under a load (n, 3) [N] at ``time`` [s].
 
-        It rests, or its stresses are ``ahead``; see :meth:`Estimator.bar`.
+        The answer rests, or its stresses are those of a shape ``ahead`` (n, 3) [m] of it; see :meth:`Estimator.bar`.
         """
         return self._check.static(x, load, time, ahead)
 

@@ -88,7 +88,7 @@ class SampledCheck:
     def found(self, x: Array, q: Array, load: Array, ahead: Array | None = None) -> Sampled | None:
         """Of positions x (n, 3) [m] under a load (n, 3) [N], or with stresses of a shape ``ahead`` by that (n, 3) [m].
 
-        The coordinates q (m,) are of what has the stresses. None where steps lead nowhere.
+        The coordinates q (m,) are those of the shape that has the stresses. None where steps lead nowhere.
         """
         coarse = self._coarse
         begin = coarse.sampled(x)

@@ -14,7 +14,7 @@ from modalshell.contact.steps import TouchingSteps
 from modalshell.contact.touching import parted, put_out
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
-from modalshell.integrators.full import SDIRK2, ExplicitEuler, FullIntegrator, ImplicitRule
+from modalshell.integrators.full import SDIRK2, FullIntegrator, ImplicitRule
 from modalshell.integrators.full.base import inner_force
 from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps, StageOf, steps_of
 from modalshell.integrators.full.linear_implicit_euler import LinearisedEuler
@@ -110,6 +110,8 @@ class ContactMotion:
         def felt(start: EulerStart) -> tuple[Any, Array, Array | None]:
             body, load, held = at(start)
             loads[:] = load if body.live is None else load + body.live.force(x)
+            if body.drag is not None:  # what the matrix takes of it again at the rates expected
+                loads[:] -= body.shell.pattern.product(body.drag, start.expected_rates.ravel()).reshape(-1, 3)
             return body, load, held
 
         if (kept := self._kept_step(model, felt, loads, begin, dt, state)) is not None:
@@ -159,8 +161,7 @@ class ContactMotion:
         And whether it did not lead through a collider from where it was ``before`` (n, 3) [m].
         """
         drag = dt * self._setup.damping.mass_factor if isinstance(self._rule, LinearisedEuler) else 0.0
-        whole = isinstance(self._rule, LinearisedEuler | ExplicitEuler)  # of Verlet, half
-        x, rates = self.steps.projected(after.coordinates, after.rates, time, dt, drag, dt if whole else 0.5 * dt)
+        x, rates = self.steps.projected(after.coordinates, after.rates, time, dt, drag)
         memory = after.memory
         if "force" in memory and x is not after.coordinates:  # that of where it was
             memory = memory | {"force": inner_force(model.shell, x, rates, self._setup.damping)}

@@ -84,6 +84,12 @@ class FreeContactMotion(ModalPressedMotion):
     holds = False
     _struck: tuple[Array | None, Array | float] = None, 0.0  # coordinates of a rebound, and its forces (r,) [N]
 
+    @property
+    def note(self) -> str:
+        """What a message says of friction, and of loads that fall with the velocities."""
+        dragged = "of free parts in contact loads do not fall with the velocities within a step: take short ones, or ds"
+        return "; ".join(filter(None, [super().note, dragged if self._setup.loading.by_velocity else ""]))
+
     def frame(self, state: MotionState, positions: Array, time: float) -> TouchedFrame:
         """See :meth:`PressedMotion.frame`; the impulses of a rebound are of the step that it ends."""
         at, forces = self._struck

@@ -382,7 +382,7 @@ class FullModel(Model):
         return model
 
     def placed(self, state: MotionState, pose: Pose) -> MotionState:
-        """``state`` moved with the supports: positions, rates and the integrator's memory."""
+        """``state``, relative to the supports, at a pose of these and their speed; what the integrator keeps turns."""
         turned = {name: kept @ pose.rotation.T if kept.ndim == 2 else kept for name, kept in state.memory.items()}
         rates = pose.world_velocities(state.coordinates, state.rates)
         return MotionState(pose.to_world(state.coordinates), rates, turned)

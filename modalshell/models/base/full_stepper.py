@@ -47,7 +47,10 @@ class FullStepper(Stepper):
         return CreaseMotion(known, self.setup.damping)
 
     def start(self, positions: Array | None) -> MotionState:
-        """State at rest, moved with the supports to where these are at time 0; patches begin where positions are."""
+        """State at rest relative to the supports, where these are at time 0, and at their speed.
+
+        Patches begin where positions are.
+        """
         state = super().start(positions)
         if positions is not None and self._patches:
             x, led = state.coordinates.copy(), np.concatenate([patch.vertices for patch in self._patches])

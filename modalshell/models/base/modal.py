@@ -316,7 +316,7 @@ class ModalStepper(ContactStepper):
                 rates, drag = (rates - (1.0 - at) * state.rates) / at, at * drag
             after = model.slowed(after, rates, dt, damping, drag, rule)
         if self.setup.constraints and np.isfinite(after.coordinates).all():  # else the motion ends here
-            after = self._met(begin, dt, state, after)
+            after = self._met(begin, dt, state, after, rule)
             if "force" in after.memory:
                 after.memory["force"] = force(after.coordinates, after.rates, 1.0)
         if contacts is None:
@@ -370,10 +370,12 @@ class ModalStepper(ContactStepper):
         push += dead.at(q) if dead is not None else model.modal_force(q, self._quadrature.dead(load, time))
         return push, slope if by_velocity else None
 
-    def _met(self, begin: float, dt: float, state: MotionState, free: MotionState) -> MotionState:
-        """``free``, the state after a step from ``state``, moved onto the constraints."""
+    def _met(
+        self, begin: float, dt: float, state: MotionState, free: MotionState, rule: ModalIntegrator
+    ) -> MotionState:
+        """``free``, the state after a step of a rule from ``state``, moved onto the constraints."""
         damping, targets = self.setup.damping, lambda share: self._targets(begin + share * dt, state.coordinates)
-        after, self.residuals = meet_constraints(self.model, state, free, (dt, damping), targets)
+        after, self.residuals = meet_constraints(self.model, state, free, (dt, damping), targets, rule)
         return after
 
     def _targets(self, time: float, q: Array) -> PatchTargets:

@@ -44,7 +44,7 @@ _FAINT = 1e-6
 _LENGTHS = 16
 """Lengths of steps of which compliances are kept."""
 Felt = tuple[Array, Array | None]
-"""A modal force (m,), and how it falls with the rates (m, m); None where it does not."""
+"""A modal force (m,), and how it falls with the rates (m, m) [1/s]; None where it does not."""
 _LONGEST = 0.5
 """Longest move [rad] of a quadratic problem's step: a part of the shell turns by no more."""
 
@@ -247,7 +247,7 @@ class ModalPressedMotion(PressedMotion):
     def follow(
         self, before: MotionState, felt: Felt, when: tuple[float, float], gaps: Array | None, base: Array
     ) -> tuple[MotionState, bool, Array | None]:
-        """The end of a step under what is ``felt`` at its beginning; ``when`` it ends, and how long it is [s].
+        """The end of a step under the force ``felt`` at the rates of its beginning; ``when`` it ends, its length [s].
 
         ``gaps`` (r,) [m] are those near its end, of its beginning if they are not known; ``base`` (n, 3) [m] are the
         positions at its beginning without what is beyond the modes. Also returns whether the contacts were solved, and
@@ -280,7 +280,7 @@ class ModalContactMotion(ModalPressedMotion):
     def __init__(self, model: ModalMotion, setup: MotionSetup) -> None:
         super().__init__(model, setup)
         nowhere = np.full(model.basis.count, np.inf)
-        if self._pressing.asks:
+        if self._pressing.asks or setup.loading.by_velocity:  # steps with a drag ask for derivatives, too
             self._none[TAKEN] = nowhere
         self._moves = {REST: nowhere, REST_PUSHES: self._pressing.no_pushes}
         self._none |= self._moves
