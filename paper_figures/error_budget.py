@@ -42,6 +42,6 @@ def draw(results: Path, folder: Path) -> Path:
             ]
             ticks = {float(place): row["case"].replace(" ", "\n", 1) for place, row in zip(places, own, strict=True)}
             title = f"{name}, {load:g} of the load"
-            label = f"error against shell theory [%], drawn at {FLOOR:g} where smaller"
+            label = f"error against shell theory [%]; least drawn: {FLOOR:g}"
             panels.append(Panel(curves, title, "", label, log=True, x_ticks=ticks))
     return draw_curves(panels, folder / "error_budget.png", columns=len(loads), share_y=True, one_legend=True)

@@ -190,5 +190,5 @@ def finding(result: StudyResult) -> str:
         f"{published['threads']}. Its ten iterations do not solve so large a sheet: they leave a residual of "
         f"{last['residual']:.0f} times the load, and a residual of {SOLVED:g} takes {last['solved']['iterations']} "
         f"iterations and {last['factored']['iterations']:.2g} CPU seconds a step. A factorisation solves it "
-        f"to rounding in {last['factored']['seconds']:.2g}. Who wants solved steps takes {choice}."
+        f"to rounding in {last['factored']['seconds']:.2g} CPU seconds. Who wants solved steps takes {choice}."
     )
