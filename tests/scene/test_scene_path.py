@@ -87,7 +87,7 @@ def test_a_path_that_does_not_arrive_ends_with_status_1(scene, tmp_path):
         ("points = 1", "path.points"),
         ("branches = -1", "path.branches"),
         ("untill = 2.0", "path.untill"),
-        ('watch = "x > 0.9"', "path.watch"),
+        ('watch = "x > 0.9"', "path.direction"),
         ('watch = "x > 9"\ndirection = [0, 0, 1]', "path.watch"),
         ('watch = "x > 0.9"\ndirection = [0, 0, 0]', "path.direction"),
     ],
