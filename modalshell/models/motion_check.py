@@ -81,6 +81,12 @@ def balancing_load(
     return np.asarray(load - shell.mass[:, None] * (now.accelerations + damping.mass_factor * v))
 
 
+def damped_basis(model: Model) -> Basis | None:
+    """The basis whose modes the ratios of a model's damping are of; None of models that are not of such modes."""
+    basis = getattr(model, "basis", None)
+    return basis if isinstance(basis, Basis) else None
+
+
 def strained_ahead(now: Instant, damping: Damping, basis: Basis | None = None) -> Array | None:
     """By what (n, 3) [m] the stresses of a moving shell are ahead of its shape, as it damps strains; None without.
 

@@ -16,8 +16,7 @@ from modalshell.models.base.bars import check_bar, led_vertices, refuse_on_coars
 from modalshell.models.coarse.profile_step import quick_estimator
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.error_bars import coarse_of
-from modalshell.models.motion_check import MotionCheck, touching_frames
-from modalshell.modes import Basis
+from modalshell.models.motion_check import MotionCheck, damped_basis, touching_frames
 from modalshell.motion.bars import Bars
 from modalshell.motion.trajectory import Trajectory
 from modalshell.shell import Shell
@@ -86,7 +85,7 @@ def with_bars(
     shell, damping = model.true_shell, damping or Damping()
     estimator = None if led is None else quick_estimator(shell, led)
     check = MotionCheck(shell, loading, damping, supports, coarse, estimator=estimator, touching=touching)
-    check.basis = basis if isinstance(basis := getattr(model, "basis", None), Basis) else None
+    check.basis = damped_basis(model)
     chosen = list(range(every, len(run.times) - 1, every))  # frames with one on either side
     rows, unjudged, largest, seen, held = [], list[str](), 0.0, 0, True
     swings = np.zeros((2, len(chosen)))

@@ -82,7 +82,7 @@ class Damping:
     @property
     def any(self) -> bool:
         """Whether anything is damped."""
-        return self.mass_factor > 0.0 or self.stiffness_factor > 0.0 or any(ratio > 0.0 for ratio in self.ratios)
+        return self.mass_factor > 0.0 or self.strains
 
     @property
     def strains(self) -> bool:

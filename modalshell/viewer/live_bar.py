@@ -9,8 +9,7 @@ import numpy as np
 from modalshell.core.typing import Array
 from modalshell.models.base.bars import led_vertices
 from modalshell.models.coarse.profile_step import quick_estimator
-from modalshell.models.motion_check import MotionCheck, touching_frames
-from modalshell.modes import Basis
+from modalshell.models.motion_check import MotionCheck, damped_basis, touching_frames
 from modalshell.motion import Motion
 from modalshell.motion.bars import check_text
 from modalshell.scene.scene import BARS_EVERY
@@ -41,7 +40,7 @@ class LiveBar:
         touching = touching_frames(model, setup.contacts, setup.dt, supports, shell, led)
         estimator = None if led is None or touching is not None else quick_estimator(shell, led)
         self._check = MotionCheck(shell, setup.loading, setup.damping, supports, touching=touching, estimator=estimator)
-        self._check.basis = basis if isinstance(basis := getattr(model, "basis", None), Basis) else None
+        self._check.basis = damped_basis(model)
         self._follows = motion.model.follows_snaps
         self._frames: list[tuple[int, Array, Array | None]] = []
         self._largest, self._held, self.text = 0.0, True, ""

@@ -193,10 +193,11 @@ class FlownCheck:
         now = instant_of(times, frames)
         load = balancing_load(now, self._shell, self._loading, self._damping, None, dead)
         felt = self._load_in_frames(now.positions, load)
+        if not self._damping.strains:
+            return self._bar(self.local(now.positions), felt), felt, None
         now = instant_of(times, np.stack([self.local(frame) for frame in frames]))  # a turn alone strains nothing
         ahead = strained_ahead(now, self._damping)
-        if ahead is None:
-            return self._bar(now.positions, felt), felt, None
+        assert ahead is not None
         begin = now.positions + ahead
         bar = self.static(begin, felt)
         corrected = FittedFrames(begin, FreeParts(self._parts)).local(bar.corrected)

@@ -74,11 +74,8 @@ def meet_constraints(
     their targets. Where rates are the differences of coordinates, and where a target was not met at the step's
     beginning, but is at its end, as it jumps, the forces act at the step's end.
     """
-    targets, (dt, damping), eigenvalues = targets_at(1.0), step, model.basis.eigenvalues
-    if rule is model.integrator:
-        compliance, by_rate = model.impulse(damping, dt)
-    else:
-        compliance, by_rate = rule.impulse(eigenvalues, damping.of_modes(eigenvalues), dt)
+    targets, (dt, damping) = targets_at(1.0), step
+    compliance, by_rate = model.impulse(damping, dt, rule)
     q, residual, jacobian = meet(targets, free.coordinates, compliance, before.coordinates)
     move = q - free.coordinates
     missed = np.abs(targets_at(0.0)(before.coordinates)[0]).max()

@@ -243,12 +243,16 @@ class ModalMotion(ModalShape, FrameModel):
             kept = self._damp = damping, damping.of_modes(self.basis.eigenvalues)
         return kept[1]
 
-    def impulse(self, damping: Damping, dt: float) -> tuple[Array, Array]:
-        """What a modal force throughout a step does, see :meth:`ModalIntegrator.impulse`; kept from step to step."""
-        key, kept = (self.integrator, damping, dt), self._impulsed  # read once: as of the damping
+    def impulse(self, damping: Damping, dt: float, rule: ModalIntegrator | None = None) -> tuple[Array, Array]:
+        """What a modal force throughout a step does, see :meth:`ModalIntegrator.impulse`; kept from step to step.
+
+        The step is one of the model's own rule, or of another.
+        """
+        rule = self.integrator if rule is None else rule
+        key, kept = (rule, damping, dt), self._impulsed  # read once: as of the damping
         if kept is None or kept[0] != key:
             damp = self._modal_damping(damping)
-            kept = self._impulsed = key, self.integrator.impulse(self.basis.eigenvalues, damp, dt)
+            kept = self._impulsed = key, rule.impulse(self.basis.eigenvalues, damp, dt)
         return kept[1]
 
     def drag_at(self, q: Array, vertices: Index, drag: Array) -> Array:
