@@ -158,6 +158,11 @@ class Contact(ReadOnlyArrays):
         """Gap (n,) [m] of points (n, 3) [m] alone."""
         return self.collider.distance(x if self.motion is None else self.motion.at(t).to_shell(x), t)
 
+    def nearest(self, x: Array, t: float = 0.0) -> Array:
+        """The collider's points (n, 3) [m] that are nearest to points (n, 3) [m]; these themselves inside it."""
+        gap, normal, _ = self.gap(x, t)
+        return np.asarray(x - np.maximum(gap, 0.0)[:, None] * normal)
+
     def velocity(self, x: Array, t: float = 0.0) -> Array:
         """Velocity (n, 3) [m/s] of the collider at points (n, 3) [m]."""
         if self.motion is None:

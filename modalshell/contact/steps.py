@@ -19,6 +19,7 @@ from modalshell.contact.touching import EXACT_GAP, Touching, touched_frame
 from modalshell.core.errors import OptionError
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
+from modalshell.core.units import at_most
 from modalshell.shell import Shell
 from modalshell.statics.mixed_newton import HIGHER, Rules
 from modalshell.statics.newton import rules_of
@@ -361,10 +362,13 @@ def refuse_fast(contacts: Sequence[Contact], rest: Array, dt: float) -> None:
         times = contact.motion.times
         count = min(int(np.ceil((times[-1] - times[0]) / dt)) + 1, _SAMPLES)
         for time in np.linspace(times[0] - dt, times[-1], count + 1):
-            if (way := contact.largest_move(grid, float(time), dt)) > radius:
+            way = contact.largest_move(grid, float(time), dt)
+            if way > radius:  # what turns about itself moves its own surface by less than the space around it
+                way = min(way, contact.largest_move(contact.nearest(grid, float(time)), float(time), dt))
+            if way > radius:
                 name = type(contact.collider).__name__
                 raise OptionError(
                     f"contact {index} ({name}) moves {way:.3g} m in the step from {max(time, 0.0):.4g} s, more than "
                     f"its smallest radius of {radius:.3g} m, and might pass through the shell: take steps of at most "
-                    f"{dt * radius / way:.2g} s"
+                    f"{at_most(dt * radius / way)} s"
                 )

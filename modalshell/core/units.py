@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from math import isclose, log10
+from math import floor, isclose, log10
 from typing import Any, Final, final
 
 import numpy as np
@@ -188,6 +188,13 @@ def in_two_digits(value: float) -> str:
     """A number to two digits; "900" rather than "9e+02"."""
     text = f"{value:.2g}"
     return f"{float(text):.0f}" if "e+0" in text and abs(float(text)) < 1e6 else text
+
+
+def at_most(value: float, digits: int = 2) -> str:
+    """A positive bound in so many digits, rounded towards zero: what obeys the text obeys the bound."""
+    text = f"{value:.{digits}g}"
+    last = 10.0 ** (floor(log10(value)) + 1 - digits)
+    return text if float(text) <= value else f"{value - 0.5 * last:.{digits}g}"
 
 
 def in_percent(share: float) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 
 from modalshell.core.checks import checked_number
 from modalshell.core.typing import Array
+from modalshell.core.units import at_most
 from modalshell.integrators.full.base import oscillation
 from modalshell.integrators.full.second_order import SecondOrderRule
 from modalshell.integrators.state import COST, MotionState
@@ -319,7 +320,7 @@ class StepErrors:
         if dt <= resolved:
             return ""
         return (
-            f"forces that turn can feed modes of fewer than {_RESOLVED:g} steps a period: take dt <= {resolved:.2g} s, "
+            f"forces that turn can feed modes of fewer than {_RESOLVED:g} steps a period: take dt <= {at_most(resolved)} s, "
             "fewer modes, or integrator 'implicit_euler'"
         )
 

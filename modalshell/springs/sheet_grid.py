@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from modalshell.core.checks import checked_count, checked_number, checked_vectors, shown, vector_count
 from modalshell.core.errors import LoadError, MaterialError, MeshError, OptionError, SupportError
 from modalshell.core.short_repr import short_repr
+from modalshell.core.units import at_most
 from modalshell.mesh import sheet
 from modalshell.page import Page
 from modalshell.page.html import filled_page
@@ -141,7 +142,7 @@ class SheetGrid:
         stable = self.stable_step()
         dt = 0.5 * stable if dt is None else checked_number("dt", dt, above=0.0, unit="s")
         if dt > stable:
-            raise OptionError(f"Verlet needs a step of at most {stable:.3g} s on this sheet (got {dt:.3g} s)")
+            raise OptionError(f"Verlet needs a step of at most {at_most(stable, 3)} s on this sheet (got {dt:.3g} s)")
         rows, columns = self.shape
         middle = [0.5 * self.spacing * (columns - 1), 0.5 * self.spacing * (rows - 1)]
         data = {

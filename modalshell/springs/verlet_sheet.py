@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from modalshell.core.checks import checked_count, checked_kind, checked_number, checked_precision, checked_vectors
 from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.typing import Array
+from modalshell.core.units import at_most
 from modalshell.shell.elements import ElementSum
 from modalshell.springs.sheet_grid import SheetGrid
 
@@ -109,7 +110,7 @@ class VerletSheet(ABC):
             longest = self.grid.stable_step()
             if not self.allow_unstable_step and dt > longest:
                 raise OptionError(
-                    f"Verlet needs a step of at most {longest:.3g} s on this sheet (got {dt:.3g} s): "
+                    f"Verlet needs a step of at most {at_most(longest, 3)} s on this sheet (got {dt:.3g} s): "
                     "shorten the step, step ImplicitSprings, or pass allow_unstable_step=True"
                 )
             self._set_step(dt)

@@ -1,4 +1,9 @@
-"""Contacts in motion are the same in axes that are turned: no threshold is a share of the box about the shell."""
+"""Contacts in motion are the same in axes that are turned: no threshold is a share of the box about the shell.
+
+Of colliders that turn it is their own surface that must not move far in a step.
+"""
+
+import re
 
 import numpy as np
 import pytest
@@ -54,3 +59,33 @@ def test_what_sticks_creeps_alike(kind):
     assert np.ptp(given[:, 0, 0]) > 3e-4  # it creeps
     assert np.abs(found - given).max() <= 1e-12
     assert again == said
+
+
+def struck_by(model, collider, spin, pivot, dt=0.005):
+    """The motion of a strip that falls onto a collider, which turns about ``pivot`` by ``spin`` [rad/s]."""
+    times = np.linspace(0.0, 1.0, 21)
+    path = ms.SupportPath(times, np.zeros((21, 3)), np.outer(times, spin), pivot=pivot)
+    ball = ms.Contact(collider, motion=path)
+    return ms.simulate(model, duration=0.2, dt=dt, gravity=(0, 0, -9.81), damping=(5.0, 0.0), contacts=[ball])
+
+
+def test_what_spins_about_its_own_axis_strikes_as_what_does_not():
+    """Its surface moves by 6 mm in a step; what is 0.27 m from its axis, as the strip's far corners are, by 54 mm."""
+    model = ms.DiscreteShell(turned_sheet(np.eye(3), clamped=True))
+    center = np.array([0.25, 0.1, -0.04])
+    for collider in (ms.Sphere(center, 0.03), ms.Capsule(center - [0, 0.2, 0], center + [0, 0.2, 0], 0.03)):
+        still, spun = (struck_by(model, collider, (0.0, spin, 0.0), center) for spin in (0.0, 40.0))
+        assert still.in_contact.any()
+        np.testing.assert_allclose(spun.positions, still.positions, atol=1e-9)
+
+
+def test_what_turns_too_far_is_refused_and_the_step_that_is_named_is_taken():
+    """A bar that turns about its end, whose other end is fast; the bound in the message is not rounded up."""
+    model = ms.DiscreteShell(turned_sheet(np.eye(3), clamped=True))
+    end = np.array([0.15, 0.1, -0.2])
+    bar = ms.Capsule(end, end + [0.25, 0.0, 0.0], 0.009)
+    with pytest.raises(ms.OptionError, match="more than its smallest radius") as refused:
+        struck_by(model, bar, (0.0, 8.0, 0.0), end)
+    named = float(re.search(r"at most (\S+) s$", str(refused.value))[1])
+    assert 1e-3 < named < 0.005
+    struck_by(model, bar, (0.0, 0.4, 0.0), end, named)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from modalshell.core.units import in_percent, in_two_digits
+from modalshell.core.units import at_most, in_percent, in_two_digits
 from modalshell.motion.bars import check_text
 
 
@@ -27,3 +27,14 @@ def test_shares_have_two_digits_and_no_power_of_ten_that_one_could_write_out(sha
 
 def test_checks_far_off_are_said_in_plain_numbers():
     assert check_text(9.04, valid=True) == "900 % from DS"
+
+
+def test_bounds_are_rounded_towards_zero():
+    for value, digits, text in (
+        (0.00496, 2, "0.0049"),
+        (0.0051, 2, "0.0051"),
+        (99.6, 2, "99"),
+        (1.0, 3, "1"),
+        (0.09996, 3, "0.0999"),
+    ):
+        assert at_most(value, digits) == text
