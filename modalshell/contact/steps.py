@@ -18,7 +18,7 @@ from modalshell.contact.rebound import rebounded
 from modalshell.contact.touching import EXACT_GAP, Touching, touched_frame
 from modalshell.core.errors import OptionError
 from modalshell.core.touched import TouchedFrame
-from modalshell.core.typing import Array
+from modalshell.core.typing import Array, Index
 from modalshell.core.units import at_most
 from modalshell.shell import Shell
 from modalshell.statics.mixed_newton import HIGHER, Rules
@@ -171,12 +171,34 @@ class TouchingSteps:
         gap, normals, curvature = self.now.gaps(rest.point, rows)
         if not curvature.any():
             return forces
-        way = rest.point[vertices] - x[vertices] - before.ways(x, rows, dt)
+        way = self._least_slips(before, rest.point[vertices] - x[vertices], x, rows, dt)
         driven = np.sum(normals * way, axis=1) - (gap - before.distances(x)[rows])
         length = np.maximum(np.sum(way**2, axis=1), self._deep**2)  # of less than that only rounding drives
         share = np.where(driven > 0.0, driven / length, 0.0)
         np.subtract.at(forces, vertices, (rest.pushes[rows] * share)[:, None] * way)
         return forces
+
+    def _least_slips(self, before: Touching, moved: Array, x: Array, rows: Index, dt: float) -> Array:
+        """Ways (k, 3) [m] of the rows' vertices, ``moved`` (k, 3) [m] from x (n, 3), along their colliders.
+
+        Not past the material of what turns about its own axis, as a roller does: that drives nothing without friction.
+        They are then seen from the centre of curvature, where that takes along the surface as the material does.
+        """
+        ways, still, now = before.ways(x, rows, dt), before.with_bounds(None), self.now.with_bounds(None)
+        if not ways.any():
+            return moved
+        gap, normals, curvature = still.gaps(x, rows)
+        bend = np.linalg.eigvalsh(curvature)[:, -1]
+        vertices, of = before.vertices[rows], before.contact_of[rows]
+        for index in np.unique(of):
+            own = np.flatnonzero((of == index) & (bend > 0.0))
+            seen = x.copy()
+            seen[vertices[own]] -= normals[own] / bend[own, None]
+            led = before.ways(seen, rows[own], dt)
+            seen[vertices[own]] = x[vertices[own]] + led
+            alike = np.abs(now.gaps(seen, rows[own])[0] - gap[own]) <= self._deep
+            ways[own] = np.where(alike[:, None], led, ways[own])
+        return np.asarray(moved - ways)
 
     def _minimum(
         self,
