@@ -38,6 +38,8 @@ _TURNS, _TURNED = 6, 1e-6
 """Solves at most for forces that turn with a curved collider, and their change, over the forces, that is none."""
 _SAME = 1e-6
 """Part of a frame's step by which times differ that are the same."""
+_ROUND = 1e-3
+"""Curvature, by the shell's size, of what is seen from its centre of curvature."""
 _SAMPLES = 20_000
 """Steps of a path whose lengths are looked at, at most."""
 
@@ -191,7 +193,7 @@ class TouchingSteps:
         bend = np.linalg.eigvalsh(curvature)[:, -1]
         vertices, of = before.vertices[rows], before.contact_of[rows]
         for index in np.unique(of):
-            own = np.flatnonzero((of == index) & (bend > 0.0))
+            own = np.flatnonzero((of == index) & (bend * self.now.size > _ROUND))
             seen = x.copy()
             seen[vertices[own]] -= normals[own] / bend[own, None]
             led = before.ways(seen, rows[own], dt)

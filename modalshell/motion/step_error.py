@@ -320,8 +320,8 @@ class StepErrors:
         if dt <= resolved:
             return ""
         return (
-            f"forces that turn can feed modes of fewer than {_RESOLVED:g} steps a period: take dt <= {at_most(resolved)} s, "
-            "fewer modes, or integrator 'implicit_euler'"
+            f"forces that turn can feed modes of fewer than {_RESOLVED:g} steps a period: take dt <= "
+            f"{at_most(resolved)} s, fewer modes, or integrator 'implicit_euler'"
         )
 
     def _damping_rate(self, omega: float) -> float:
