@@ -17,6 +17,9 @@ from modalshell.mesh import TriangleMesh
 from modalshell.mesh.selection import Selection, checked_selection, selected
 from modalshell.supports import Pose, SupportPath
 
+_SAMPLES = 20_000
+"""Steps of a path whose lengths are looked at, at most."""
+
 
 @final
 class _RelativePath:
@@ -185,6 +188,23 @@ class Contact(ReadOnlyArrays):
     def largest_move(self, x: Array, t: float, dt: float) -> float:
         """Longest way [m] of the collider's material at points (n, 3) [m] in a step from ``t`` to ``t + dt`` [s]."""
         return float(np.linalg.norm(self.way(x, t, dt), axis=1).max(initial=0.0))
+
+    def fastest(self, x: Array, dt: float, least: float) -> tuple[float, float]:
+        """The largest such way [m] in steps of ``dt`` [s] of its motion, and when it begins [s]; ``least`` if none is.
+
+        What turns about itself moves its own surface by less than the space around it: then the points of its surface
+        nearest to ``x`` (n, 3) [m] count.
+        """
+        if self.motion is None:
+            return least, 0.0
+        times, longest = self.motion.times, (least, 0.0)
+        count = min(int(np.ceil((times[-1] - times[0]) / dt)) + 1, _SAMPLES)
+        for time in np.linspace(times[0] - dt, times[-1], count + 1).tolist():
+            way = self.largest_move(x, time, dt)
+            if way > longest[0]:
+                way = min(way, self.largest_move(self.nearest(x, time), time, dt))
+                longest = max(longest, (way, max(time, 0.0)))
+        return longest
 
     def surfaces(self, corners: Array, times: Array, inset: float = 0.0) -> tuple[Array, Index]:
         """Vertices (F, k, 3) [m] of the collider's surface at some times (F,) [s], and its triangles (T, 3).

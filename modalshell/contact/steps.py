@@ -40,8 +40,6 @@ _SAME = 1e-6
 """Part of a frame's step by which times differ that are the same."""
 _ROUND = 1e-3
 """Curvature, by the shell's size, of what is seen from its centre of curvature."""
-_SAMPLES = 20_000
-"""Steps of a path whose lengths are looked at, at most."""
 
 
 @final
@@ -383,16 +381,12 @@ def refuse_fast(contacts: Sequence[Contact], rest: Array, dt: float) -> None:
         radius = contact.collider.smallest_radius
         if contact.motion is None or not np.isfinite(radius):
             continue
-        times = contact.motion.times
-        count = min(int(np.ceil((times[-1] - times[0]) / dt)) + 1, _SAMPLES)
-        for time in np.linspace(times[0] - dt, times[-1], count + 1):
-            way = contact.largest_move(grid, float(time), dt)
-            if way > radius:  # what turns about itself moves its own surface by less than the space around it
-                way = min(way, contact.largest_move(contact.nearest(grid, float(time)), float(time), dt))
-            if way > radius:
-                name = type(contact.collider).__name__
-                raise OptionError(
-                    f"contact {index} ({name}) moves {way:.3g} m in the step from {max(time, 0.0):.4g} s, more than "
-                    f"its smallest radius of {radius:.3g} m, and might pass through the shell: take steps of at most "
-                    f"{at_most(dt * radius / way)} s"
-                )
+        way, time = contact.fastest(grid, dt, radius)
+        if way > radius:
+            name, fitting = type(contact.collider).__name__, dt * radius / way
+            fitting *= radius / contact.fastest(grid, fitting, radius)[0]  # a chord is shorter than its parts
+            raise OptionError(
+                f"contact {index} ({name}) moves {way:.3g} m in the step from {time:.4g} s, more than its smallest "
+                f"radius of {radius:.3g} m, and might pass through the shell: take steps of at most "
+                f"{at_most(fitting)} s"
+            )
