@@ -46,6 +46,7 @@ BETWEEN_PARTS = {
     "normal",
     "distance",
     "velocity",
+    "fastest",
     "largest_move",
     "way",
     "surfaces",

@@ -161,7 +161,7 @@ class Contact(ReadOnlyArrays):
         """Gap (n,) [m] of points (n, 3) [m] alone."""
         return self.collider.distance(x if self.motion is None else self.motion.at(t).to_shell(x), t)
 
-    def nearest(self, x: Array, t: float = 0.0) -> Array:
+    def _nearest(self, x: Array, t: float = 0.0) -> Array:
         """The collider's points (n, 3) [m] that are nearest to points (n, 3) [m]; these themselves inside it."""
         gap, normal, _ = self.gap(x, t)
         return np.asarray(x - np.maximum(gap, 0.0)[:, None] * normal)
@@ -202,7 +202,7 @@ class Contact(ReadOnlyArrays):
         for time in np.linspace(times[0] - dt, times[-1], count + 1).tolist():
             way = self.largest_move(x, time, dt)
             if way > longest[0]:
-                way = min(way, self.largest_move(self.nearest(x, time), time, dt))
+                way = min(way, self.largest_move(self._nearest(x, time), time, dt))
                 longest = max(longest, (way, max(time, 0.0)))
         return longest
 
