@@ -92,13 +92,11 @@ def draw_shapes(shapes: Sequence[Shapes], path: str | Path, titles: Sequence[str
             error = "the truth" if row["key"] == TRUTH else f"{100.0 * row['final_error']:.2g} % off"
             text = f"{error}, {row['frame_ms']:.2g} ms"
             views.append(View(surfaces, title=row["label"], subtitle=text, camera=_CAMERA))
-    several = len(rows) > 1
-    width, height = (380, 340) if several else (320, 300)  # of a cell; text grows with the height of the page
+    if len(rows) == 1:
+        return draw_views(views, path, legend=False)
     headings = titles or [findings["case"] for findings, _, _ in shapes]
-    return draw_views(
-        views, path, columns=len(common), size=(width * len(common), height * len(rows)),
-        link_cameras=not several, headings=headings if several else (), legend=False,
-    )  # fmt: skip
+    size = (380 * len(common), 340 * len(rows))  # text grows with the height of the page
+    return draw_views(views, path, columns=len(common), size=size, link_cameras=False, headings=headings, legend=False)
 
 
 def best_sizes(findings: dict[str, Any]) -> list[dict[str, Any]]:

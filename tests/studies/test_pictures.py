@@ -198,6 +198,7 @@ def test_shapes_of_several_scenes_are_drawn_under_the_name_of_each(monkeypatch, 
         draw_shapes(shapes, tmp_path / "shapes.png", titles)
         assert list(drawn[-1].headings) == expected
         assert {caption for caption, _ in drawn[-1].captions} == ({"DS"} if len(shapes) > 1 else {"DS", "LMA 4"})
+    assert drawn[-1].font >= 16
 
 
 def whole(row):
