@@ -17,9 +17,9 @@ def draw(results: Path, folder: Path) -> list[Path]:
     found, titles = result.findings["scenes"], result.findings["titles"]
     fronts = draw_fronts(list(found.values()), folder / "tradeoff.png", [titles[name] for name in found])
     shown = []
-    for name in SHOWN:
-        if name in found:
-            prefix = f"{name}: "
-            shapes = {key.removeprefix(prefix): value for key, value in result.arrays.items() if key.startswith(prefix)}
-            shown.append((found[name], shapes, result.arrays[f"{name}_faces"]))
-    return [fronts, draw_shapes(shown, folder / "tradeoff_shapes.png")]
+    names = [name for name in SHOWN if name in found]
+    for name in names:
+        prefix = f"{name}: "
+        shapes = {key.removeprefix(prefix): value for key, value in result.arrays.items() if key.startswith(prefix)}
+        shown.append((found[name], shapes, result.arrays[f"{name}_faces"]))
+    return [fronts, draw_shapes(shown, folder / "tradeoff_shapes.png", [titles[name] for name in names])]

@@ -73,11 +73,18 @@ def on_front(errors: Sequence[float | None]) -> list[bool]:
     return front
 
 
-def draw_shapes(shapes: Sequence[Shapes], path: str | Path) -> Path:
-    """Draw the shape of each rung's best size over the outline of DS, one row of views a tradeoff."""
+def draw_shapes(shapes: Sequence[Shapes], path: str | Path, titles: Sequence[str] | None = None) -> Path:
+    """Draw the shape of each rung's best size over the outline of DS.
+
+    Of several tradeoffs each has a row under its title, or its case, and rungs without an answer in one are left out.
+    """
+    rows = [best_sizes(findings) for findings, _, _ in shapes]
+    common = set.intersection(*({row["rung"] for row in best} for best in rows))
     views = []
-    for findings, positions, faces in shapes:
-        for row in best_sizes(findings):
+    for (_, positions, faces), best in zip(shapes, rows, strict=True):
+        for row in best:
+            if row["rung"] not in common:
+                continue
             surfaces = [ShadedSurface(positions[row["label"]], faces, color=models()[row["key"]].color)]
             truth = models()[TRUTH]
             if row["key"] != TRUTH:
@@ -85,10 +92,11 @@ def draw_shapes(shapes: Sequence[Shapes], path: str | Path) -> Path:
             error = "the truth" if row["key"] == TRUTH else f"{100.0 * row['final_error']:.2g} % off"
             text = f"{error}, {row['frame_ms']:.2g} ms"
             views.append(View(surfaces, title=row["label"], subtitle=text, camera=_CAMERA))
-    across = -(-len(views) // max(len(shapes), 1))
-    rows = -(-len(views) // across)
-    size = (320 * across, 300 * rows)
-    return draw_views(views, path, columns=across, size=size, link_cameras=len(shapes) == 1, legend=False)
+    if len(rows) == 1:
+        return draw_views(views, path, legend=False)
+    headings = titles or [findings["case"] for findings, _, _ in shapes]
+    size = (380 * len(common), 340 * len(rows))  # text grows with the height of the page
+    return draw_views(views, path, columns=len(common), size=size, link_cameras=False, headings=headings, legend=False)
 
 
 def best_sizes(findings: dict[str, Any]) -> list[dict[str, Any]]:

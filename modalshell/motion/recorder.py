@@ -274,11 +274,14 @@ class Recorder:
                 notes.append(words)
         elif self._never_settles():
             found[Outcome.CYCLING] = "the motion does not settle although it is damped"
-        units = {"position": motion.shell.size, "orientation": 1.0}  # [m], [rad]
-        most = [CONSTRAINT_MET * units[constraint.kind] for constraint in motion.setup.constraints]
-        if (np.array(self.residuals) > most).any():
-            missed = float(np.max(self.residuals))
-            found[Outcome.CONSTRAINTS_MISSED] = f"constraints were missed by up to {missed:.2e}"
+        scales = {"position": (motion.shell.size, "m"), "orientation": (1.0, "rad")}
+        kinds = [constraint.kind for constraint in motion.setup.constraints]
+        missed = np.array(self.residuals) / [scales[kind][0] for kind in kinds]
+        if (missed > CONSTRAINT_MET).any():
+            frame, one = np.unravel_index(missed.argmax(), missed.shape)
+            words = f"{self.residuals[frame][one]:.2e} {scales[kinds[one]][1]} (constraint {one}, {kinds[one]}, "
+            words += f"at {self.times[frame]:.3g} s): its target may be out of the model's reach"
+            found[Outcome.CONSTRAINTS_MISSED] = f"constraints were missed by up to {words}"
         if crowded:
             found[Outcome.CONSTRAINTS_MISSED] = crowded
         if motion.unconverged:

@@ -108,8 +108,10 @@ class Motion:
         self._tolerance = tolerance
         if tolerance is not None:
             if not self.errors.are_known(dt):
-                fault = "does not know its steps' errors: leave out tolerance"
-                raise OptionError(f"{model.name} by this integrator {fault}")
+                fault = "does not know its steps' errors: leave it out"
+                raise OptionError(
+                    f"tolerance divides steps by their errors, and {model.name} by this integrator {fault}"
+                )
             self.errors.halvings = _FIRST
         self.count, self.unconverged, self.finite = 0, 0, True
         self._start_missed = "" if given is None else self._missed(given)

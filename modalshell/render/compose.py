@@ -34,6 +34,8 @@ class Page:
     """Colour bar on the right."""
     bar_label: str | None = None
     """Its title."""
+    headings: Sequence[str] = ()
+    """Text at the left above each row, or none."""
 
     def __post_init__(self) -> None:
         """Measure the text and lay out the page."""
@@ -57,6 +59,7 @@ class Page:
         self._top = round(1.25 * line * lines + 0.5 * line * bool(lines))
         self._bottom = round(1.5 * line * len(self._legend_rows) + 0.4 * line * bool(self._legend_rows))
         caption = round(self._head + self._sub + 0.6 * line * bool(self._head + self._sub))
+        caption += round(line) * bool(self.headings)
         row_height = (height - self._top - self._bottom) // rows
         self.cell = (max(self._cell_width, 8), max(row_height - caption, 8))
         self.corners: list[tuple[int, int]] = []
@@ -76,7 +79,7 @@ class Page:
 
     def paint(self, images: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
         """Return the page (height, width, 3) with the images of the cells in place."""
-        if self._page_title or self._head or self._sub or self.legend or self.bar:
+        if self._page_title or self._head or self._sub or self.headings or self.legend or self.bar:
             page = self._paint_text()
         else:
             page = np.full((self.size[1], self.size[0], 3), 255, np.uint8)
@@ -98,6 +101,9 @@ class Page:
                 self._text(middle, foot + self._sub + 0.2 * line, head, self.font, weight="bold", va="bottom")
             if sub:
                 self._text(middle, foot + self._sub, sub, 0.85 * self.font, color="0.3")
+        for row, heading in enumerate(self.headings):
+            foot = height - self.corners[row * self.columns][1] + self._head + self._sub + 0.6 * line
+            self._text(0.5 * self.font, foot, heading, self.font, ha="left", va="bottom", style="italic")
         for row, entries in enumerate(self._legend_rows):
             at = (self.size[0] - self._bar_width - sum(width for width, _ in entries)) / 2
             base = self._bottom - 1.5 * line * (row + 1)

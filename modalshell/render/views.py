@@ -27,6 +27,7 @@ def draw_views(
     link_cameras: bool = True,
     legend: bool = True,
     title: str | None = None,
+    headings: Sequence[str] = (),
     colormap: str = "viridis",
     scalar_range: tuple[float, float] | None = None,
     scalar_label: str | None = None,
@@ -49,6 +50,8 @@ def draw_views(
         Name the colours of labelled surfaces, once each, below the cells.
     title : str, optional
         Text above all cells.
+    headings : sequence of str
+        Text at the left above each row of cells; none by default.
     colormap : str
         Matplotlib colour map for scalars.
     scalar_range : tuple of float, optional
@@ -71,7 +74,7 @@ def draw_views(
     def layout(count: int) -> Page:
         return Page(
             size, [(view.title, view.subtitle) for view in cells], min(count, len(cells)), title,
-            _legend_entries(cells) if legend else (), colors, scalar_label or _scalar_label(cells),
+            _legend_entries(cells) if legend else (), colors, scalar_label or _scalar_label(cells), headings,
         )  # fmt: skip
 
     page = layout(columns or _best_columns(cells[0], clouds[0], len(cells), size))

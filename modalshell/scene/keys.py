@@ -72,7 +72,13 @@ def _tables() -> dict[str, Callable[[], list[KeyTable]]]:
 
         return _kinds(collider_tables(), "[[contacts]]", "kind", _documented(Contact)[1])
 
-    further = {key: plain(kind.table, f"[{key}]") for key, kind in KINDS.items()}
+    def nested(kind: type[msgspec.Struct], name: str) -> Callable[[], list[KeyTable]]:
+        held = {field.encode_name: _held(field.type) for field in msgspec.structs.fields(kind)}
+        within = {f"[{name}.{key}]": table for key, table in held.items() if table is not None}
+        return lambda: [_table(table, heading) for heading, table in {f"[{name}]": kind, **within}.items()]
+
+    further = {key: nested(kind.table, key) for key, kind in KINDS.items()}
+    none = KeyTable("[energies]", "A table for each energy that an installed package registers; none does.", [])
     sheets: list[type[tables.Table]] = [tables.Stiffnesses, tables.PhysicalSheet]
     return {
         "scene": lambda: [KeyTable("before the first table", "", list(_OWN))],
@@ -86,7 +92,7 @@ def _tables() -> dict[str, Callable[[], list[KeyTable]]]:
             *_kinds(support_tables(), "[[supports]]", "kind"),
         ],
         "loads": lambda: _with_lists(loads_table(), "loads", LoadTable.__doc__ or ""),
-        "energies": lambda: _with_lists(energies_table(), "energies"),
+        "energies": lambda: _with_lists(energies_table(), "energies") or [none],
         "constraints": plain(tables.Constrained, "[[constraints]]"),
         "contacts": contacts,
         "creases": lambda: [_table(CreaseTable, "[[creases]]", shared=_documented(Crease)[1])],

@@ -14,6 +14,7 @@ import modalshell as ms
 from modalshell.commands.choices import BUCKLES, SAG, UNSEEN, Timing, hold_one_end, motion_as_text, softening
 from modalshell.commands.cli import main
 from modalshell.core.outcome import Outcome
+from modalshell.mesh.selection import select_vertices
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 
@@ -163,6 +164,9 @@ def test_one_end_of_each_part_is_held():
     held, words = hold_one_end(strip, GRAVITY)
     assert np.array_equal(held, strip.vertices[:, 0] <= 0.05 + 1e-9)
     assert words == 'holds the end "x <= 0.05" (14 vertices)'
+    far = ms.TriangleMesh(strip.vertices + 1e6, strip.faces)
+    held, words = hold_one_end(far, GRAVITY)
+    assert np.array_equal(select_vertices(re.search('"(.*)"', words)[1], far), held)  # in the words that --clamp takes
     coarse = ms.sheet(length=1.0, width=0.3, cells=(2, 1))
     assert hold_one_end(coarse, GRAVITY)[0][coarse.faces].all(axis=1).any()
     upright = ms.TriangleMesh(strip.vertices[:, [2, 1, 0]], strip.faces)

@@ -71,6 +71,16 @@ def test_a_live_model_far_from_the_answer_is_left_out(scene_file):
     assert "No live model is offered" in page.text
 
 
+def test_a_page_says_what_keeps_the_scene_s_own_model_from_being_offered(scene_file):
+    gust = "[[loads.wind]]\nvelocity = [0, 0, 3]\ntimes = [0.0, 0.1, 0.2]\nfactors = [0, 1, 0]\n"
+    page = scene_page(ms.load_scene(scene_file(("duration = 1\n", "duration = 0.3\n"), more=gust)))
+    assert content(page)["live"] is None
+    said = (
+        r"MWTS, which a page can compute, is .* % off this answer; live, loads that change stay .* at their largest\."
+    )
+    assert re.search(said, page.text)
+
+
 def test_the_shell_of_a_page_and_its_modes_are_made_once(scene_file, monkeypatch):
     """The scene's own model was built on another shell, with modes of its own."""
     made, build, solve = [], ShellScene.build_shell, ms.solve_modes

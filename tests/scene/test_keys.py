@@ -13,7 +13,7 @@ from modalshell.scene.load import _LISTS, _REQUIRED, single_tables
 
 def test_every_table_of_a_scene_is_listed():
     headings = " ".join(one.heading for one in scene_keys())
-    for name in {*_REQUIRED, *_LISTS, *single_tables()} - {"energies"}:  # only plug-ins register energies
+    for name in {*_REQUIRED, *_LISTS, *single_tables()}:
         assert f"[{name}]" in headings or f"[{name}." in headings, name
     assert [key.name for key in scene_keys("scene")[0].keys] == ["name", "bar"]
 
@@ -31,6 +31,12 @@ def test_keys_have_types_defaults_and_units():
     assert "[N]" in crease["yield_moment"].about
     motion = scene_keys("motion")[0]
     assert "[s]" in motion.about
+
+
+def test_tables_within_a_table_are_listed_with_their_keys():
+    camera = next(one for one in scene_keys("flock") if one.heading == "[flock.camera]")
+    assert {key.name: key.default for key in camera.keys}["position"] == "required"
+    assert "[m]" in camera.about
 
 
 def test_what_keys_point_to_is_public():

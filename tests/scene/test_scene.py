@@ -295,7 +295,7 @@ def test_what_is_not_allowed_is_refused_at_its_path(load, old, new, message):
         ("[model]", f"{TIP}times = [0, 0]\ntargets = [[0, 0, 0], [1, 1, 1]]\n[model]", "constraints[0].times: must"),
         ("[model]", f"{TIP}times = [0, 1, 2]\ntargets = [[0, 0, 0], [1, 1, 1]]\n[model]", "constraints[0].targets: "),
         ("[model]", f"{TIP.replace('1', '0')}target = [0, 0, 0]\n[model]", "constraints[0]: a constraint names vertex"),
-        ('"mwts"', '"ds"\nintegrator = "explicit"', "motion: explicit Euler needs a step"),
+        ('"mwts"', '"ds"\nintegrator = "explicit"', "motion.dt: must be at most"),
     ],
 )  # fmt: skip
 def test_what_the_mesh_or_model_does_not_allow_is_refused_at_its_path(load, old, new, message):

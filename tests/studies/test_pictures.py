@@ -10,6 +10,7 @@ import pytest
 from matplotlib.figure import Figure
 from text_boxes import faults, save_square
 
+from modalshell.compare.draw import draw_shapes
 from modalshell.files.study_result import StudyResult
 from modalshell.models.registry import models
 from modalshell.render.compose import Page
@@ -182,6 +183,22 @@ def test_no_text_of_a_picture_of_shapes_lies_on_another(figure, saved, tmp_path,
     module.draw(tmp_path, tmp_path)
     assert saved
     assert [each for each in saved if each] == []
+
+
+def test_shapes_of_several_scenes_are_drawn_under_the_name_of_each(monkeypatch, tmp_path):
+    rows = [{"label": "DS", "key": "ds", "rung": "DS", "worst_error": 0.0, "final_error": 0.0, "frame_ms": 1.0}]
+    more = [rows[0] | {"label": "LMA 4", "key": "lma", "rung": "LMA", "final_error": 0.1, "worst_error": 0.1}, *rows]
+    patch = {"DS": Patches.corners, "LMA 4": Patches.corners}
+    given = [({"case": name, "rows": some}, patch, Patches.triangles) for name, some in (("a", rows), ("b", more))]
+    drawn, paint = [], Page.paint
+    monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
+    monkeypatch.setattr(Page, "paint", lambda page, images: drawn.append(page) or paint(page, images))
+    cases = ((given, ["one", "two"], ["one", "two"]), (given, None, ["a", "b"]), (given[1:], None, []))
+    for shapes, titles, expected in cases:
+        draw_shapes(shapes, tmp_path / "shapes.png", titles)
+        assert list(drawn[-1].headings) == expected
+        assert {caption for caption, _ in drawn[-1].captions} == ({"DS"} if len(shapes) > 1 else {"DS", "LMA 4"})
+    assert drawn[-1].font >= 16
 
 
 def whole(row):

@@ -95,6 +95,19 @@ def test_formulas_are_those_that_markdown_leaves_alone(chapter):
 
 
 @pytest.mark.parametrize("chapter", CHAPTERS)
+def test_lines_of_prose_fit_the_page(chapter):
+    lines = re.sub(r"\$\$.*?\$\$", " ", read(CHAPTERS[chapter]), flags=re.DOTALL).splitlines()
+    assert [line for line in lines if len(line) > 120] == []
+
+
+def test_a_letter_of_the_notation_has_one_row():
+    rows = re.findall(r"^\| (\$.*?\$) \|", read(CHAPTERS[1]), re.MULTILINE)
+    letters = [each for row in rows for each in re.findall(r"\\?[A-Za-z]+(?:_[a-z])?", row.split(" = ")[0])]
+    assert {"E", "H", "M", "\\Phi"} < set(letters)
+    assert sorted(letters) == sorted(set(letters))
+
+
+@pytest.mark.parametrize("chapter", CHAPTERS)
 def test_chapters_end_with_what_is_not_known_and_what_failed(chapter):
     titles = re.findall(r"^#+ (.*)$", read(CHAPTERS[chapter]), re.MULTILINE)
     assert titles[0].startswith(f"{chapter} ")

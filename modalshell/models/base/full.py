@@ -300,8 +300,8 @@ class FullModel(Model):
         super().check_step(dt, damping)
         if self.integrator.explicit and not self.allow_unstable_step and dt > (stable := self.stable_step(damping)):
             raise OptionError(
-                f"{self.integrator.name} needs a step of at most {stable:.3g} s on this shell (got {dt:.3g} s): "
-                "shorten the step, use integrator='implicit', or pass allow_unstable_step=True"
+                f"dt must be at most {stable:.3g} s by {self.integrator.name} on this shell (got {dt:.3g} s): shorten "
+                "it, take integrator 'composite', or allow_unstable_step = true"
             )
 
     def start_motion(self, positions: Array | None = None) -> MotionState:
