@@ -125,7 +125,7 @@ class RotationStrain(TurnedTriangles):
         return None if self._fit.coupled or self._fit.floating else partial(self._stay, adjoint)
 
     def _stay(self, adjoint: LoadAdjoint, vertices: Index, *given: Any) -> tuple[float, bool, Any]:
-        """A step in which vertices (k,) stay pushed; see :func:`stay_twice`, whose ``rows`` to ``out`` are ``given``."""
+        """A step in which vertices (k,) stay pushed; see :func:`stay_twice`: ``rows`` to ``out`` are ``given``."""
         from modalshell.models.reduction.rotation_strain_stay import stay_twice  # not without contacts
 
         *rest, out = given

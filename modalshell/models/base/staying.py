@@ -270,7 +270,8 @@ class StayingRows(Staying):
             self._kept = key, self._read_of(q), derived
         at = np.full(q.size, np.nan) if found.at is None else found.at.copy()
         step = q, rates, compliance, self._eigenvalues, when[1], GAMMA
-        ends, force, forces, self._turned = np.empty((2, q.size)), np.empty(q.size), np.empty(count), np.empty((count, 3))
+        ends, force, forces = np.empty((2, q.size)), np.empty(q.size), np.empty(count)
+        self._turned = np.empty((count, 3))
         before = found.pushes, found.local, found.positions, self._rows
         limits = STILL * size, SETTLED * size, FAR * size, pressing.reach
         given = step, before, (at, *self._kept[2]), limits, (ends, force, forces, self._turned)
