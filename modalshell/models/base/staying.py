@@ -236,7 +236,7 @@ class StayingRows(Staying):
         self._rows, self._state = np.flatnonzero(before.pushes), before
 
     def _look_alone(self) -> None:
-        """Go on with the state of the vertices that are pushed, where these are looked at alone."""
+        """Take the state of the pushed vertices alone, where these are looked at so."""
         before, base = self._state, self._state.positions
         if self._pressing.by_rows.alone:
             vertices = self._pressing.touching.vertices[self._rows]
