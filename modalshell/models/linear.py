@@ -53,6 +53,10 @@ class LinearModal(ModalModel):
         add_lines(lines, q, rest.reshape(-1), positions.reshape(-1))
         return positions
 
+    def farthest(self, q: Array) -> float:
+        """See :meth:`ModalShape.farthest`."""
+        return float(np.abs(q) @ self.reach)
+
     def warped_force(self, q: Array, load: Array) -> Array:
         """Modal force ``Phi^T f`` (m,)."""
         count_read(self.basis.modes.nbytes)

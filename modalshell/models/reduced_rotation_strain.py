@@ -88,6 +88,7 @@ class ReducedRotationStrain(TurnedTriangles):
     """
 
     name = "reduced RSW"
+    _found: tuple[bytes, Array] | None = None
 
     def __init__(self, model: RotationStrain, coordinates: ArrayLike, *, rank: int = 32, samples: int = TILE) -> None:
         checked_kind("model", model, RotationStrain)
@@ -216,11 +217,26 @@ class ReducedRotationStrain(TurnedTriangles):
         return np.asarray(self._expansion @ self._amounts(q)).reshape(-1, 3)
 
     def _amounts(self, q: Array) -> Array:
-        """Amounts (m + rank,) of the columns of the expansion."""
+        """Amounts (m + rank,) of the columns of the expansion; the last ones are kept."""
+        known, key = self._found, q.tobytes()  # read once: another thread may ask for others meanwhile
+        if known is not None and known[0] == key:
+            return known[1]
         count_read(self._modal.nbytes + self._map.nbytes)
         sampled = np.empty((1, 6 * TILE))
         kernel.deformations(self._modal, q, np.empty(kernel.WORK), sampled)
-        return np.concatenate([q, self._map @ sampled[0]])
+        amounts = np.concatenate([q, self._map @ sampled[0]])
+        self._found = key, amounts
+        return amounts
+
+    def farthest(self, q: Array) -> float:
+        """See :meth:`ModalShape.farthest`; by the columns of the expansion."""
+        return float(np.abs(self._amounts(q)) @ self._column_reach)
+
+    @cached_property
+    def _column_reach(self) -> Array:
+        """How far [m] each column of the expansion moves a vertex, by a unit; shape (m + rank,)."""
+        columns = self._expansion.reshape(-1, 3, self._expansion.shape[1])
+        return np.asarray(np.linalg.norm(columns, axis=1).max(axis=0))
 
     def contact_frame(self, q: Array, vertices: Index, directions: Array | None) -> tuple[Array, Array | None]:
         """Positions (k, 3) [m] of some vertices, and their derivatives; see :meth:`ModalMotion.contact_frame`."""

@@ -84,6 +84,10 @@ class ModalWarping(UnstretchedModel):
         count_read(self._frame.bytes_read)
         return self._frame.positions(q)
 
+    def farthest(self, q: Array) -> float:
+        """See :meth:`ModalShape.farthest`: averages of rotations lengthen nothing."""
+        return float(np.abs(q) @ self.reach)
+
     @cached_property
     def _frame(self) -> WarpFrame:
         """At first use: it holds a second copy of the modal data."""

@@ -172,3 +172,29 @@ def test_a_mesh_of_unlike_triangles_is_looked_at_whole():
     graded = np.array(mesh.vertices)
     graded[:, 0] = np.expm1(10.0 * graded[:, 0]) / np.expm1(10.0)
     assert Distortion(ms.TriangleMesh(graded, mesh.faces))._sample is None
+
+
+def test_no_vertex_is_farther_than_a_model_tells(models):
+    rng = np.random.default_rng(3)
+    for model in models[:4]:  # modal derivatives are judged by themselves
+        state = model.start_motion()
+        for size in (0.01, 0.3, 3.0):
+            q = size * rng.standard_normal(model.basis.count) / model.reach
+            moved = np.linalg.norm(model.raw_displacement(q), axis=1).max()
+            assert moved <= (1.0 + 1e-12) * model.farthest(q)
+        assert not model.farthest(np.full_like(q, np.nan)) <= 1.0
+        assert model.fault(state, model.positions(state)) is None
+
+
+def test_extents_are_looked_at_where_vertices_may_be_far():
+    mesh = ms.flat_beam(length=1.0, width=1.0, cells=(60, 60))
+    far = mesh.vertices.copy()
+    far[:7, 2] += 1e6  # the sample's triangles need not see them
+    looked = []
+    distortion = Distortion(mesh)
+    together, distortion._together = distortion._together, lambda x: looked.append(len(x)) or together(x)
+    assert distortion.of(mesh.vertices, lambda: 0.4) == ""
+    assert looked == []
+    assert distortion.of(far, lambda: 1e6) == distortion.of(far) != ""
+    assert distortion.of(mesh.vertices, lambda: 0.6) == distortion.of(mesh.vertices, lambda: np.nan) == ""
+    assert len(looked) == 4

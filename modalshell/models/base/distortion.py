@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property, partial
 from typing import final
 
@@ -65,9 +66,12 @@ class Distortion:
         # Read-only, as the whole's arrays are: the kernel is compiled once.
         return read_only(faces[chosen]), read_only(areas[chosen]), np.arange(2 * _SAMPLE).reshape(-1, 2)
 
-    def _clear(self, positions: Array) -> bool:
+    def _clear(self, positions: Array, farthest: Callable[[], float] | None = None) -> bool:
         """Whether a sample of the surface is so far within the limits that the whole is; not where a number is none."""
-        if self._sample is None or not self._together(positions):
+        if self._sample is None:
+            return False
+        near = farthest is not None and farthest() <= 0.5 * (_WITHIN - 1.0) * self._mesh.size
+        if not (near or self._together(positions)):
             return False
         faces, areas, pairs = self._sample
         limits = _AREA, _OVER, int(_CLEARLY * _SHARE * _SAMPLE)
@@ -89,9 +93,12 @@ class Distortion:
         # Over all numbers at once it is fastest, and tells of shells that are near the origin.
         return fits(positions) or all(fits(along) for along in positions.T)
 
-    def of(self, positions: Array) -> str:
-        """Description of a distorted surface at ``positions`` (n, 3); "" if it is within the range of modal models."""
-        if self._clear(positions):
+    def of(self, positions: Array, farthest: Callable[[], float] | None = None) -> str:
+        """Description of a distorted surface at ``positions`` (n, 3); "" if it is within the range of modal models.
+
+        ``farthest`` tells how far [m] from rest no vertex is beyond: where that is near, their extent is not looked at.
+        """
+        if self._clear(positions, farthest):
             return ""
         rest, rest_area, hinges = self._rest
         area, changed, folded = surface_changes(positions, *rest, _AREA, _OVER, int(_SHARE * hinges), self._normals())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, cast, final
 
 import numpy as np
@@ -15,7 +15,7 @@ from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array
 from modalshell.integrators.modal import ImplicitEuler, ModalIntegrator
 from modalshell.integrators.modal.base import DeadForce, ForceInTime
-from modalshell.integrators.state import MotionState
+from modalshell.integrators.state import PUSHES, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.constrained_step import begun, force_held, meet_constraints
 from modalshell.models.base.distortion import Distortion
@@ -139,7 +139,10 @@ class ModalModel(ModalMotion):
             q = self.frames.elastic(q)
         if turns is not None and not np.abs(q) @ turns <= WOUND_UP and self.largest_turn(q) > WOUND_UP:
             return Outcome.WOUND_UP
-        return Outcome.DISTORTED if self._distortion.of(positions) else None
+        # Of free parts and what contacts press in, coordinates do not tell where vertices are.
+        tells = self.frames is None and PUSHES not in state.memory
+        said = self._distortion.of(positions, partial(self.farthest, q) if tells else None)
+        return Outcome.DISTORTED if said else None
 
     def _free_statics(self, load: Array, start: Array | None) -> Statics:
         """Answer to a load (n, 3), from coordinates ``start`` (m,) if there are any.

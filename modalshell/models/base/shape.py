@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -34,6 +35,7 @@ OF_SHAPE = (
     "contact_shape",
     "contact_tiles",
     "load_quadrature",
+    "farthest",
     "_free_statics",
 )
 """Hooks whose defaults derive from the shape: what is written for one shape is wrong for another."""
@@ -162,6 +164,15 @@ class ModalShape(ABC):
         Of straight models no data, positions at rest (n, 3), and modes as lines (m, 3n). None of others.
         """
         return None
+
+    def farthest(self, q: Array) -> float:
+        """Length [m] beyond which no vertex moves from rest at q (m,); infinite where none is known at once."""
+        return math.inf
+
+    @cached_property
+    def reach(self) -> Array:
+        """How far [m] each mode moves a vertex, by a unit; shape (m,)."""
+        return np.asarray(np.linalg.norm(self.basis.modes.reshape(-1, 3, self.basis.count), axis=1).max(axis=0))
 
     def largest_turn(self, q: Array) -> float:
         """Largest rotation [rad] of a part of the shell at q; a linear model knows none."""
