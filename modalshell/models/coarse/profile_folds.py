@@ -233,11 +233,13 @@ def _membrane_blocks(profile: Profile, tension: sps.csr_array, ends: Index) -> B
     slots = block_places(profile, rows, columns)
     kept = slots >= 0
     of = np.broadcast_to(np.arange(p.size)[:, None, None], slots.shape)[kept]
-    order = np.argsort(slots[kept], kind="stable")
-    found, starts = np.unique(slots[kept][order], return_index=True)
-    strides = profile.strides[rows[kept][order][starts]]
-    starts = np.append(starts, order.size).astype(np.int64)
-    return Blocks(found, strides, starts, p[of][order], q[of][order], factors[kept][order])
+    places = slots[kept]
+    order = np.argsort(places, kind="stable")
+    of, places = of[order], places[order]
+    starts = np.flatnonzero(np.diff(places, prepend=-1))  # no place is negative
+    strides = profile.strides[rows[kept][order[starts]]]
+    ends_of = np.append(starts, order.size)
+    return Blocks(places[starts], strides, ends_of, p[of], q[of], factors[kept][order])
 
 
 # ---- operations

@@ -28,10 +28,15 @@ def numbering_of(shell: Shell) -> Numbering:
     where their vertices are on average [george1981, 4.3]. Shares that follow one another go by threes: an order of
     those blocks that is found afterwards takes two to three times the products on meshes without a grid.
     """
-    free, pattern = shell.free, sps.coo_array(shell.pattern.free_matrix(np.ones(shell.pattern.size)))
-    count = pattern.shape[0] - 3 * free.size
-    nodes = np.concatenate([np.repeat(np.arange(free.size), 3), free.size + np.arange(count)])
-    graph = _graph(nodes[pattern.row], nodes[pattern.col], free.size + count)
+    free, pattern = shell.free, shell.pattern
+    parts = [(pattern.blocks[free][:, free], 0, 0)]
+    count = 0
+    if (inner := pattern.internal) is not None:
+        coupling, count = inner.vertices[:, free], inner.count
+        parts += [(coupling, free.size, 0), (coupling.T, 0, free.size), (inner.stiffness, free.size, free.size)]
+    entries = [(sps.coo_array(part), row, column) for part, row, column in parts]
+    rows = np.concatenate([part.row + row for part, row, _ in entries])
+    graph = _graph(rows, np.concatenate([part.col + column for part, _, column in entries]), free.size + count)
     found = [_by_threes(graph, free.size, order) for order in _orders(graph, shell.rest_positions[free])]
     profile, position = min(found, key=lambda one: one[0].products)
     place = np.full(len(shell.mass), -1, dtype=np.int64)

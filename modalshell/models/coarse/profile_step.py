@@ -168,8 +168,12 @@ def _is_dear(shell: Shell, most: float) -> bool:
     """
     place = np.full(len(shell.mass), -1, dtype=np.int64)
     place[shell.free] = np.arange(shell.free.size)
-    ends = place[shell.mesh.edges]
+    ends, points = place[shell.mesh.edges], shell.rest_positions[shell.free]
     start, end = ends[(ends >= 0).all(axis=1)].T
-    rows, columns = (np.concatenate([*part, np.arange(shell.free.size)]) for part in ((start, end), (end, start)))
-    graph = sps.csc_array((np.ones(rows.size), (rows, columns)), shape=(shell.free.size, shell.free.size))
-    return 27.0 * ProfileAnalysis(graph).products > most  # of blocks of three
+    rows, columns = np.concatenate([start, end]), np.concatenate([end, start])
+    along = np.argsort(points[:, np.ptp(points, axis=0).argmax()], kind="stable")
+    if 27.0 * Profile(along, rows, columns, block=1).products <= most:  # of blocks of three
+        return False
+    own = np.arange(shell.free.size)
+    entries = np.ones(rows.size + own.size), (np.concatenate([rows, own]), np.concatenate([columns, own]))
+    return 27.0 * ProfileAnalysis(sps.csc_array(entries, shape=(own.size, own.size))).products > most
