@@ -141,9 +141,7 @@ class FreeParts:
         supported, labels = shell.unknowns.supported, shell.mesh.components
         if supported.any() and not np.setdiff1d(labels, labels[supported]).size:
             return None
-        pattern = shell.pattern
-        blocks = pattern.matrix(np.ones(pattern.indices.size))[::3, ::3]
-        count, joined = connected_components(blocks, directed=False)
+        count, joined = connected_components(shell.pattern.blocks, directed=False)
         loose = np.setdiff1d(np.arange(count), joined[supported])
         if count == 1 and loose.size:
             whole = slice(None)

@@ -9,6 +9,9 @@ import scipy.sparse as sps
 
 from modalshell.core.typing import Index
 
+_ROWS = 20_000
+"""Rows that are summed at a time: what is listed for them stays in the processor's cache."""
+
 
 def assembled(matrices: Any, rows: Index, columns: Index, shape: tuple[int, int]) -> sps.csr_array:
     """Sum, of that shape, of matrices (elements, r, q) at ``rows`` (elements, r) and ``columns``; none at -1."""
@@ -17,12 +20,17 @@ def assembled(matrices: Any, rows: Index, columns: Index, shape: tuple[int, int]
     # Whole lines of the small matrices are sorted by their rows: a list of single entries is several times as long.
     lines = np.flatnonzero(rows >= 0).astype(kind)
     by_row = sps.csr_array((lines, rows.ravel()[lines].astype(kind), [0, lines.size]), shape=(1, shape[0])).tocsc()
-    starts, lines = kind(width) * by_row.indptr.astype(kind), by_row.data
-    places, values = columns.astype(kind)[lines // height], matrices.reshape(-1, width)[lines]
-    if columns.min(initial=0) < 0:
-        there = places >= 0
-        starts = np.append(kind(0), np.cumsum(there.sum(axis=1, dtype=kind), dtype=kind))[by_row.indptr]
-        places, values = places[there], values[there]
-    matrix = sps.csr_array((values.ravel(), places.ravel(), starts), shape=shape)
-    matrix.sum_duplicates()
-    return matrix
+    columns, matrices, partial = columns.astype(kind), matrices.reshape(-1, width), columns.min(initial=0) < 0
+    parts = []
+    for first in range(0, max(shape[0], 1), _ROWS):
+        ends = by_row.indptr[first : first + _ROWS + 1].astype(kind)
+        lines = by_row.data[ends[0] : ends[-1]]
+        starts, places, values = kind(width) * (ends - ends[0]), columns[lines // height], matrices[lines]
+        if partial:
+            there = places >= 0
+            starts = np.append(kind(0), np.cumsum(there.sum(axis=1, dtype=kind), dtype=kind))[ends - ends[0]]
+            places, values = places[there], values[there]
+        part = sps.csr_array((values.ravel(), places.ravel(), starts), shape=(len(ends) - 1, shape[1]))
+        part.sum_duplicates()
+        parts.append(part)
+    return parts[0] if len(parts) == 1 else sps.csr_array(sps.vstack(parts, format="csr"))

@@ -40,11 +40,12 @@ def _stored_both_ways(matrix: sps.csr_array) -> sps.csr_array:
 
     Products of sparse matrices leave out sums that cancel to nothing, which rounding does on one side alone.
     """
+    turned = sps.csr_array(matrix.T)
+    if np.array_equal(turned.indptr, matrix.indptr) and np.array_equal(turned.indices, matrix.indices):
+        return matrix
     there = sps.csr_array((np.ones(matrix.nnz), matrix.indices, matrix.indptr), shape=matrix.shape)
     lonely = sps.coo_array(there.T - there)
     missing = lonely.data > 0.0
-    if not missing.any():
-        return matrix
     own = sps.coo_array(matrix)
     rows, columns = (np.append(a, b[missing]) for a, b in ((own.row, lonely.row), (own.col, lonely.col)))
     data = np.append(own.data, np.zeros(np.count_nonzero(missing)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -46,9 +47,8 @@ class SparsePattern:
     blocks; its Hessian by positions is the Schur complement, which is dense and is never formed: see :meth:`product`.
     """
 
-    indptr: NDArray[np.int32]
-    indices: NDArray[np.int32]
-    """CSR structure of the (3n, 3n) matrix, columns sorted."""
+    blocks: sps.csr_array
+    """Which vertices (n, n) share a block, columns sorted."""
     strides: Index
     """Entries in a matrix row of each vertex; shape (n,)."""
     diagonal: Index
@@ -59,29 +59,35 @@ class SparsePattern:
     """Internal unknowns of the energy."""
 
     @property
+    def block_size(self) -> int:
+        """Number of entries of the blocks: of a Hessian without what belongs to internal unknowns."""
+        return 9 * int(self.blocks.nnz)
+
+    @property
     def size(self) -> int:
         """Number of entries of a Hessian."""
         inner = self.internal
-        return self.indices.size + (0 if inner is None else 3 * inner.vertices.nnz + inner.stiffness.nnz)
+        return self.block_size + (0 if inner is None else 3 * inner.vertices.nnz + inner.stiffness.nnz)
 
-    @property
-    def blocks(self) -> sps.csr_array:
-        """Which vertices (n, n) share a block."""
-        starts = self.indptr[::3] // 9
-        first = np.repeat(6 * starts[:-1], np.diff(starts)) + 3 * np.arange(starts[-1])
-        return sps.csr_array((np.ones(first.size, dtype=bool), self.indices[first] // 3, starts))
+    @functools.cached_property
+    def structure(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """CSR columns, sorted, and row starts of the (3n, 3n) matrix: long lists, made when first a matrix is wanted.
+
+        Implicit steps and statics want :meth:`free_matrix` alone.
+        """
+        whole = expanded(self.blocks)
+        return whole.indices, whole.indptr
 
     def matrix(self, data: Array) -> sps.csr_array:
         """Matrix (3n, 3n) of the blocks with the entries ``data``, internal unknowns left where they are."""
-        size = self.indptr.size - 1
-        return sps.csr_array((data[: self.indices.size], self.indices, self.indptr), shape=(size, size))
+        return sps.csr_array((data[: self.block_size], *self.structure), shape=(3 * len(self.strides),) * 2)
 
     def coupling(self, data: Array) -> sps.csr_array:
         """Coupling (m, 3n) of the internal unknowns, which must be there, to the positions."""
         inner = self.internal
         assert inner is not None
         pattern = expanded(inner.vertices, (1, 3))
-        values = data[self.indices.size : self.indices.size + pattern.nnz]
+        values = data[self.block_size : self.block_size + pattern.nnz]
         return sps.csr_array((values, pattern.indices, pattern.indptr), shape=pattern.shape)
 
     def product(self, data: Array, vectors: Array) -> Array:
@@ -172,7 +178,6 @@ def build_pattern(
     # A block begins at the entries of the rows before it, and after those of the blocks before it in its first row.
     own = np.flatnonzero(blocks.indices == rows)
     on_diagonal = 6 * blocks.indptr[:-1].astype(np.int64) + 3 * own
-    whole = expanded(blocks)
     if internal is None:
         coupling, among = sps.csr_array((0, vertex_count), dtype=bool), sps.csr_array((0, 0), dtype=bool)
     else:
@@ -180,11 +185,10 @@ def build_pattern(
     free: FreePart = VertexPart(blocks, ~unknowns.held, coupling, among)
     if unknowns.matrix is not None:
         every = VertexPart(blocks, np.ones(vertex_count, dtype=bool), coupling, among)
-        entries = np.arange(1.0, whole.nnz + 3 * coupling.nnz + among.nnz + 1)
+        entries = np.arange(1.0, 9 * blocks.nnz + 3 * coupling.nnz + among.nnz + 1)
         free = MappedPart(every.matrix(entries).T, unknowns.matrix)
     pattern = SparsePattern(
-        indptr=whole.indptr,
-        indices=whole.indices,
+        blocks=blocks,
         strides=strides,
         diagonal=(on_diagonal[:, None] + np.arange(3) * (strides[:, None] + 1)).ravel(),
         free=free,

@@ -154,7 +154,7 @@ class SplitFoldEnergy(RestFolds):
         coupled = folds.coupled_vertices(self._vertex_count)
         internal = InternalUnknowns(coupled, self._shares.stiffness, self._shares.solve)
         pattern, slots = build_pattern(self._vertex_count, stencils, unknowns, internal)
-        place = 0, pattern.indices.size, pattern.size
+        place = 0, pattern.block_size, pattern.size
         return pattern, [*slots, block_slots(folds.share_index, folds.stencils, coupled, *place)]
 
     @property

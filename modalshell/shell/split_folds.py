@@ -317,9 +317,11 @@ def _corners(mesh: TriangleMesh, pairs: _Pairs) -> Index:
 
 def _numbered(edges: Index, chosen: NDArray[np.bool_]) -> tuple[Index, Index]:
     """The edges among the ``chosen`` (B, 5), and which of them each is (B, 5); -1 of others."""
-    numbers = np.full(edges.shape, -1)
-    found, numbers[chosen] = np.unique(edges[chosen], return_inverse=True)
-    return found, numbers
+    numbers, own = np.full(edges.shape, -1), edges[chosen]
+    there = np.zeros(1 + own.max(initial=-1), dtype=bool)
+    there[own] = True
+    numbers[chosen] = (np.cumsum(there) - 1)[own]
+    return np.flatnonzero(there), numbers
 
 
 def _at_pinned_corners(mesh: TriangleMesh, edges: NDArray[np.bool_], held: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -80,7 +80,9 @@ def paired_triangles(
         wanted = np.zeros(over.size, np.int64)
         match_triangles(candidates[order], np.append(begins, order.size), mesh.edge_faces, wanted, over)
 
-    joined = np.unique(over[over >= 0])
+    taken = np.zeros(len(mesh.edges), dtype=bool)
+    taken[over[over >= 0]] = True
+    joined = np.flatnonzero(taken)
     alone = np.flatnonzero(bends & (over < 0))
     faces = np.vstack([mesh.edge_faces[joined], np.column_stack([alone, np.full(alone.size, -1)])])
     corners = np.vstack([(mesh.edge_corners[joined] + 2) % 3, np.zeros((alone.size, 2))])

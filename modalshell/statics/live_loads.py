@@ -66,12 +66,8 @@ def entry_places(pattern: SparsePattern, load: AppliedLoad) -> Index:
     """Positions of the flattened entries of the blocks (E, k, 3, k, 3) in the values of a pattern."""
     stencils = load.stencils
     count = len(pattern.strides)
-    starts = pattern.indptr[:-1:3].astype(np.int64)
-    lengths = pattern.strides // 3
-    first = np.concatenate([[0], np.cumsum(lengths)])
-    rows = np.repeat(np.arange(count), lengths)
-    neighbours = pattern.indices[starts[rows] + 3 * (np.arange(first[-1]) - first[rows])] // 3
-    keys = rows * count + neighbours
+    blocks = pattern.blocks
+    keys = count * np.repeat(np.arange(count), np.diff(blocks.indptr)) + blocks.indices
     wanted = stencils[:, :, None] * count + stencils[:, None, :]
     found = np.minimum(np.searchsorted(keys, wanted), keys.size - 1)
     if not np.array_equal(keys[found], wanted):
@@ -81,7 +77,7 @@ def entry_places(pattern: SparsePattern, load: AppliedLoad) -> Index:
             "join the corners of every triangle, or take a dead load"
         )
     at = stencils[:, :, None]
-    corner = starts[at] + 3 * (found - first[at])  # (E, k, k)
+    corner = 6 * blocks.indptr.astype(np.int64)[at] + 3 * found  # (E, k, k)
     axis = np.arange(3)
     places = corner[:, :, None, :, None] + axis[:, None, None] * pattern.strides[at][:, :, None, :, None] + axis
     return np.asarray(places.ravel())

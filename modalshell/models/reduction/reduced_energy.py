@@ -88,5 +88,6 @@ class ReducedEnergy:
     def _product(self, data: Array) -> Array:
         """``K U`` (3k, r) of a Hessian's entries."""
         product = np.empty_like(self._vectors)
-        multiply(self._pattern.indptr, self._pattern.indices, data, self._vectors, product)
+        indices, indptr = self._pattern.structure
+        multiply(indptr, indices, data, self._vectors, product)
         return product

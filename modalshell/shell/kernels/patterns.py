@@ -19,22 +19,22 @@ def find_blocks(rows: Any, columns: Any, starts: Any, indices: Any, lead: int, s
     for element in range(rows.shape[0]):
         for i in range(rows.shape[1]):
             row = rows[element, i]
-            last = -1
+            start, size, last = 0, 0, -1
             if 0 <= row < starts.size - 1 and starts[row] < starts[row + 1]:
-                last = indices[starts[row + 1] - 1]
+                start, size = starts[row], starts[row + 1] - starts[row]
+                last = indices[start + size - 1]
             for j in range(columns.shape[1]):
                 column = columns[element, j]
                 if column < 0 or column > last:
                     slots[element, i, j] = -1
                     continue
-                low, high = starts[row], starts[row + 1]
-                while high - low > 1:
-                    middle = (low + high) // 2
-                    if indices[middle] <= column:
-                        low = middle
-                    else:
-                        high = middle
-                slots[element, i, j] = lead * starts[row] + 3 * low + shift
+                # Halved without branches, which a processor would guess wrong every other time.
+                low, left = start, size
+                while left > 1:
+                    half = left // 2
+                    low = low + half if indices[low + half] <= column else low
+                    left -= half
+                slots[element, i, j] = lead * start + 3 * low + shift
 
 
 @njit(fastmath=False)
