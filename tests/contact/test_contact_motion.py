@@ -73,7 +73,7 @@ def test_a_strip_gains_no_energy_where_it_slides_over_a_rounded_edge(thickness, 
     mesh, material = strip(thickness, 20)
     box = ms.Contact(ms.Box((0, 0, 0), (0.2, 0.3, 0.15), rounding=0.05), friction=friction)
     model = ms.DiscreteShell(ms.Shell(mesh, material), integrator="implicit")
-    given = {"duration": 120 / 60, "dt": 1 / 60, "gravity": GRAVITY, "start": tilted(mesh, 0.3, 0.2)}
+    given = {"duration": 1.0, "dt": 1 / 60, "gravity": GRAVITY, "start": tilted(mesh, 0.3, 0.2)}
     run = ms.simulate(model, contacts=[box], **given)
     assert run.unconverged_steps == 0
     normals = box.gap(run.positions[run.in_contact])[1]

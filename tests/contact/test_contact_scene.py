@@ -137,7 +137,10 @@ def test_a_plain_scene_imports_no_contacts_comparisons_or_sweeps_but_knows_all_k
     flock = Path(__file__).parents[2] / "studies/scenes/flock.toml"
     code = (
         "import sys, modalshell as ms\n"
-        f"ms.load_scene({str(scene_file())!r}).build().start_motion().advance()\n"
+        f"scene = ms.load_scene({str(scene_file())!r})\n"
+        "scene.build().start_motion().advance()\n"
+        "for given in (None, []):\n"
+        "    ms.DiscreteShell(scene.build_shell()).equilibrium(gravity=(0, 0, -0.1), contacts=given)\n"
         "print([part for part in ms._LATER if f'modalshell.{part}' in sys.modules])\n"
         f"assert 'springs' in ms.models() and ms.load_scene({str(flock)!r})\n"
         "assert ms.contact.Plane is ms.Plane and 'Flock' in dir(ms) and ms.crowd.Flock is ms.Flock\n"

@@ -427,8 +427,10 @@ def test_a_free_motion_does_not_depend_on_the_unit_of_time():
     np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-6 * moved)
 
 
-@pytest.mark.parametrize("hybrid", [False, pytest.param(True, marks=pytest.mark.slow)])
-@pytest.mark.parametrize(("speed", "most"), [(3.0, 0.04), (10.0, 0.15)])
+@pytest.mark.parametrize(
+    ("speed", "most", "hybrid"),
+    [(3.0, 0.04, False), (10.0, 0.15, False), pytest.param(10.0, 0.15, True, marks=pytest.mark.slow)],
+)
 def test_a_light_strip_in_a_strong_wind_is_followed_by_long_steps(speed, most, hybrid):
     sheet = ms.Isotropic(young=1e8, poisson=0.3, thickness=1e-3, density=100.0)
     fine, small = (
@@ -440,7 +442,7 @@ def test_a_light_strip_in_a_strong_wind_is_followed_by_long_steps(speed, most, h
         model = ms.HybridStress.trained(fine, gravity=(0.0, 0.0, -1.0), coarse=small, motions=8)
     wind = {"loads": [ms.Wind((0.3 * speed, 0.0, -speed), density=1.2)], "damping": (0.5, 0.0)}
     tip = fine.mesh.vertices[:, 0] > 0.999
-    long, short = (ms.simulate(model, duration=1.0, dt=1.0 / (30 * parts), **wind) for parts in (1, 8))
+    long, short = (ms.simulate(model, duration=0.6, dt=1.0 / (30 * parts), **wind) for parts in (1, 8))
     off = (long.positions - short.positions[::8])[:, tip, 2].mean(axis=1)
     assert np.abs(off).max() < most  # 0.064 and 0.64 where the wind does not fall as the strip gives way
     assert np.abs(long.positions[..., 0]).max() < 1.02
