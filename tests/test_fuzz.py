@@ -74,6 +74,7 @@ def test_inputs_are_answered_or_refused(surface, tmp_path, monkeypatch):
     attempts(surface, count, tmp_path, None if SEED is None else int(SEED))
 
 
+@pytest.mark.slow
 def test_every_public_name_and_command_is_fuzzed():
     tried = {target.name.split(".")[0].split(",")[0] for target in calls.targets()}
     errors = {name for name in ms.__all__ if name.endswith(("Error", "Warning"))}
@@ -303,6 +304,13 @@ PARTS = {
 """The part of a surface that meets a bug, where the search of all of it comes to that late."""
 
 
+@pytest.mark.by_default(
+    "fuzzing.properties-threads",
+    "fuzzing.properties-carried",
+    "fuzzing.outputs-_commands",
+    "fuzzing.outputs-sizes",
+    "fuzzing.outputs-parts",
+)
 @pytest.mark.parametrize(
     ("module", "part"),
     [
@@ -321,14 +329,7 @@ def test_a_part_in_which_bugs_are_searched_is_in_the_whole(module, part, tmp_pat
     find(module.make(tmp_path), lambda drawn: drawn is mark, settings=settings(max_examples=500, database=None))
 
 
-@pytest.mark.by_default(
-    "crash-mesh_files-UncaughtException",
-    "short_message-mesh_files-UselessMessage",
-    "evaluated-scenes-kinds9",
-    "traceback_at_the_command_line-command_line-kinds10",
-    "memory_error_escapes-properties-UncaughtException",
-    "clips_unchecked-saved-kinds19",
-)
+@pytest.mark.by_default("short_message-mesh_files-UselessMessage", "evaluated-scenes-kinds9")
 @pytest.mark.parametrize(
     ("plant", "surface", "kinds"),
     [

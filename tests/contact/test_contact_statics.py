@@ -63,6 +63,7 @@ def draped(radius, length, cells):
     return state, state.positions[mesh.vertices[:, 0] > length - 1e-9].mean(axis=0), weight
 
 
+@pytest.mark.by_default("1.0-1.0-30-tip0-5e-05")
 @pytest.mark.parametrize(
     ("radius", "length", "cells", "tip", "share"),
     [
@@ -98,6 +99,7 @@ def ring(gap, cells):
     return state, -2.0 * state.contact_forces[:, 2].sum() / 0.3 / FLEXURE
 
 
+@pytest.mark.by_default("1.4-2.929674")
 @pytest.mark.parametrize(("gap", "force"), [(1.6, 2.115300), (1.4, 2.929674)])
 def test_a_ring_between_plates_pushes_as_the_elastica(gap, force):
     state, found = ring(gap, 24)
@@ -155,6 +157,7 @@ def test_both_energies_rest_on_a_floor_and_a_wall(own):
     assert state.contact_forces[:, 2].max() > 0.0
 
 
+@pytest.mark.slow
 def test_the_answer_far_from_the_origin_is_the_same():
     def rest(away):
         mesh = ms.flat_beam(length=1.0, width=0.2, cells=(12, 2))
@@ -241,6 +244,7 @@ def strip_over_a_cylinder():
     return shell, {"gravity": (0, 0, -9.81), "contacts": contacts}, off
 
 
+@pytest.mark.slow
 def test_a_coarse_answer_starts_a_drape_that_then_takes_few_iterations(strip_over_a_cylinder):
     shell, given, off = strip_over_a_cylinder
     fine = shell(45)
@@ -294,6 +298,7 @@ def test_a_limp_cloth_finds_its_folds_in_few_iterations(kind, where):
     np.testing.assert_allclose(pushed, [0.0, 0.0, 9.81 * shell.mass.sum()], atol=1e-6 * 9.81 * shell.mass.sum())
 
 
+@pytest.mark.by_default("load0")
 @pytest.mark.parametrize("load", [ms.Pressure(-0.6), ms.Wind((0.0, 0.0, -2.0), density=1.2)])
 def test_loads_without_a_potential_grow_where_all_of_them_at_once_are_too_much(load):
     """A way downhill knows no such load: strips under a pressure or in wind did not settle, in empty space too."""

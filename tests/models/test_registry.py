@@ -175,7 +175,7 @@ def models_of_a_strip():
     return {key: factory.build(spec, {}) for key, spec in MODELS.items()}
 
 
-@pytest.mark.by_default("lma")
+@pytest.mark.slow
 @pytest.mark.parametrize("key", MODELS)
 def test_records_say_how_models_answer_a_load(models_of_a_strip, key):
     """A linear model's displacement doubles with the load; a rigid one's is zero."""

@@ -123,6 +123,7 @@ def test_the_stated_error_is_right_within_two_on_drawn_motions():
 TURNED = ms.SupportPath([0.0, 0.5, 1.0], np.zeros((3, 3)), [[0.0, 0.0, 0.0], [0.0, 0.5, 0.0], [0.0, 1.5, 0.0]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moves", [{"gravity": (0.0, 0.0, -3.0)}, {"supports": TURNED}], ids=["falls", "is turned"])
 @pytest.mark.parametrize("steps", [40, 80])
 def test_one_linearisation_a_step_states_what_it_costs_where_a_sheet_turns(strip, moves, steps):
@@ -151,7 +152,7 @@ def test_explicit_steps_know_none(strip):
         ms.simulate(model, duration=20 * dt, dt=dt, gravity=(0, 0, -1.0), tolerance=0.01)
 
 
-@pytest.mark.by_default("bdf2", "linear_implicit")
+@pytest.mark.slow
 @pytest.mark.parametrize("key", ["implicit", "linear_implicit", "bdf2", "sdirk2"])
 def test_the_damping_that_steps_add_is_theirs_in_linear_theory(strip, basis, key):
     """Small free motion of the first mode at 20 steps a period, whose decay is measured."""
@@ -187,7 +188,7 @@ def test_modes_too_fast_for_frames_are_named(strip):
     assert run.message == ""
 
 
-@pytest.mark.by_default("RotationStrain")
+@pytest.mark.slow
 @pytest.mark.parametrize("build", [ms.RotationStrain, ms.DiscreteShell])
 def test_a_tolerance_is_kept_at_the_frames(strip, basis, build):
     path = ms.SupportPath([0, 0.5, 1.0], [[0, 0, 0], [0, 0.1, 0.2], [0, 0, 0]])
@@ -268,6 +269,7 @@ def test_tolerances_out_of_range_are_refused(basis, tolerance):
         ms.simulate(ms.LinearModal(basis), duration=1.0, tolerance=tolerance)
 
 
+@pytest.mark.by_default("RotationStrain", "Auto")
 @pytest.mark.parametrize("build", [ms.RotationStrain, ms.DiscreteShell, ms.Auto])
 def test_divided_steps_resume_to_the_last_bit(strip, basis, build):
     def made():
@@ -296,6 +298,7 @@ def test_what_steps_cost_is_stored(strip, tmp_path):
     assert again.damping_error == run.damping_error
 
 
+@pytest.mark.slow
 def test_steps_of_a_coarse_shell_that_takes_over_cost_what_its_own_do(strip):
     """A hybrid that does not hold the load hands over in its first step, to positions in place of coordinates."""
     small, large = (0.0, 0.0, -0.02), (0.0, 0.0, -1.0)
@@ -306,6 +309,7 @@ def test_steps_of_a_coarse_shell_that_takes_over_cost_what_its_own_do(strip):
     assert runs[0].step_error == pytest.approx(runs[1].step_error, rel=0.2)
 
 
+@pytest.mark.by_default("<lambda>")
 @pytest.mark.parametrize("build", [lambda shell: ms.ModalWarping(ms.solve_modes(shell, 9)), ms.ModalDerivatives])
 def test_the_error_of_a_free_shell_does_not_depend_on_numbers(build):
     """Of corners that move alike one alone was looked at, the first."""
@@ -320,6 +324,7 @@ def test_the_error_of_a_free_shell_does_not_depend_on_numbers(build):
     assert found[1] == pytest.approx(found[0], rel=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("integrator", "least", "most"), [("sdirk2", 0.15, 0.5), ("bdf2", 0.0, 0.03), ("composite", 0.0, 3e-4)]
 )
@@ -367,6 +372,7 @@ def test_damping_by_the_stiffness_lets_stiff_sheets_turn_in_long_steps(rule, mos
     assert (np.diff(found.energies.sum(axis=1)) < 0.0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", ["implicit", "composite"])
 @pytest.mark.parametrize("sheet", ["Isotropic", "Material"])
 @given(viscosity=st.floats(1e-3, 1.0), steps=st.integers(8, 40), fold=st.floats(90.0, 175.0))
@@ -397,6 +403,7 @@ def turned(kind, integrator, parts):
     return np.unwrap(np.arctan2(tips[:, 2], tips[:, 0] - 0.5))
 
 
+@pytest.mark.by_default("coarse-composite", "coarse-bdf2", "coarse-sdirk2")
 @pytest.mark.parametrize("rule", ["composite", "bdf2", "sdirk2"])
 @pytest.mark.parametrize("kind", ["sheet", "edges", "coarse"])
 def test_damped_folds_turn_through_half_a_turn(rule, kind):
@@ -406,6 +413,7 @@ def test_damped_folds_turn_through_half_a_turn(rule, kind):
     np.testing.assert_allclose(found, exact, atol=0.1)
 
 
+@pytest.mark.by_default("free")
 @pytest.mark.parametrize("sheet", ["free", "held"])
 def test_a_tolerance_that_a_free_sheet_on_a_ball_may_miss_is_said_to_be_missed(sheet):
     """Errors of its speed go on: it was 0.085 of its size off where 0.05 was asked and 0.028 stated."""

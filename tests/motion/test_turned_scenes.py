@@ -153,7 +153,7 @@ def free_panel(energy, at=None):
     return shell, coarse, load
 
 
-@pytest.mark.by_default("hinges-MD-ROM, cubature")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("energy", "rung"),
     by_turns(
