@@ -117,7 +117,6 @@ def test_a_step_that_would_gain_energy_is_one_of_implicit_euler(strip, resting, 
     assert "implicit Euler stood in for 18 of 18 steps" in stood.message
 
 
-@pytest.mark.slow
 def test_a_pinned_strip_over_a_cylinder_takes_steps_of_order_two():
     """Each sixth step of the rule gained some 1e-9 of the energy, and two of implicit Euler took ten times as much."""
     mesh = ms.flat_beam(length=1.0, width=0.1, cells=(16, 2))
