@@ -190,7 +190,6 @@ def test_the_project_file_of_contributing_names_its_modules():
     assert set(written["project"]["entry-points"]["modalshell"].values()) <= modules
 
 
-@pytest.mark.slow
 def test_the_scene_of_readme_runs(folder):
     (block,) = blocks(README, "toml")
     (folder / "plate.toml").write_text(block, encoding="utf-8")
@@ -218,7 +217,6 @@ def test_the_command_of_the_viewer_runs(folder, monkeypatch):
     assert (folder / "leaf.png").stat().st_size > 1000
 
 
-@pytest.mark.slow
 def test_commands_and_options_exist():
     """Of those in the text, too, whose files need not be there."""
     lines = [span for span in INLINE if re.match(r"(\.venv/bin/)?modalshell [\w-]", span)]
@@ -232,7 +230,6 @@ def test_commands_and_options_exist():
         app.parse_args([token for token in tokens if token != "NAME"], exit_on_error=False, print_error=False)
 
 
-@pytest.mark.slow
 def test_every_command_shows_an_example_that_it_takes(capsys):
     for name in app:
         if name.startswith("-") and name != "--install-completion":
@@ -245,7 +242,6 @@ def test_every_command_shows_an_example_that_it_takes(capsys):
             app.parse_args(shlex.split(found[1])[1:], exit_on_error=False, print_error=False)
 
 
-@pytest.mark.slow
 def test_completion_installs(folder, capsys):
     assert call("modalshell --install-completion --shell bash --output completion.sh") == 0
     capsys.readouterr()

@@ -74,7 +74,6 @@ def test_inputs_are_answered_or_refused(surface, tmp_path, monkeypatch):
     attempts(surface, count, tmp_path, None if SEED is None else int(SEED))
 
 
-@pytest.mark.slow
 def test_every_public_name_and_command_is_fuzzed():
     tried = {target.name.split(".")[0].split(",")[0] for target in calls.targets()}
     errors = {name for name in ms.__all__ if name.endswith(("Error", "Warning"))}

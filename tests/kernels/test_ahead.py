@@ -22,7 +22,6 @@ def kernel_of(name):
     return getattr(importlib.import_module(f"modalshell.{module}"), kernel)
 
 
-@pytest.mark.slow
 def test_the_list_is_what_a_common_scene_compiles():
     mesh = ms.flat_beam(length=1.0, width=0.2, cells=(6, 2))
     material = ms.Isotropic(young=1e8, poisson=0.3, thickness=5e-3, density=100.0)

@@ -105,7 +105,7 @@ def test_scenes_of_the_taylor_test_are_folded_as_they_say():
         assert wrapped == (scene == "inverted v_beam")
 
 
-@pytest.mark.slow
+@pytest.mark.by_default("all")
 @pytest.mark.parametrize("energy", ENERGIES)
 @given(turn=vector, shift=vector)
 @settings(deadline=None, max_examples=15)

@@ -38,7 +38,6 @@ def answer(search, function, context, arguments):
         return type(error), str(error).split()  # numba indents it farther each time
 
 
-@pytest.mark.slow
 def test_calls_have_the_types_that_numba_finds(context, monkeypatch):
     """When they are met first, and when the rule is known."""
     monkeypatch.setattr(quick_typing, "_taken", {})

@@ -81,7 +81,6 @@ def test_coefficients_at_zero_are_the_limits():
     assert rotations.coefficients(0.0, 0.0, 0.0) == (1.0, 0.5, pytest.approx(1 / 6, rel=1e-16))
 
 
-@pytest.mark.slow
 @given(w=vector, direction=vector)
 @settings(deadline=None, max_examples=60)
 def test_the_average_is_the_left_jacobian(w, direction):
@@ -221,7 +220,6 @@ def test_largest_angle():
     assert rotations.largest_angle(w) == pytest.approx(5.0, rel=1e-15)
 
 
-@pytest.mark.slow
 @given(a=vector, b=vector)
 def test_cross_matrices_are_the_cross_product(a, b):
     np.testing.assert_allclose(cross_matrices(a) @ b, np.cross(a, b), rtol=0, atol=1e-14 * (1 + (a @ a) * (b @ b)))

@@ -144,7 +144,6 @@ def test_rows_of_a_column_may_come_in_any_order(block):
     np.testing.assert_array_equal(given.toarray(), matrix.toarray())
 
 
-@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(st.integers(2, 30), st.integers(0, 2**32 - 1))
 def test_indefinite_matrices_are_refused_with_the_place(size, seed):

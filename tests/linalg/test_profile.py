@@ -23,7 +23,6 @@ def factorised(matrix, points=None):
     return ProfileAnalysis(matrix, points).factorise(matrix)
 
 
-@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(st.integers(1, 40), st.floats(0.0, 0.5), st.integers(0, 2**32 - 1), st.sampled_from([1, 3]))
 def test_random_matrices_are_solved(size, density, seed, block):
@@ -62,7 +61,6 @@ def test_the_order_along_a_strip_is_taken_where_it_is_best():
     assert ordered.profile.strides.max() < 60
 
 
-@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(st.integers(2, 30), st.floats(0.0, 1.0), st.integers(0, 2**32 - 1), st.sampled_from([1, 3]))
 def test_negative_eigenvalues_are_counted(size, share, seed, block):

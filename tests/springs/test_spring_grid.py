@@ -12,7 +12,7 @@ from modalshell.springs import GridVerlet, SheetGrid
 from modalshell.springs.threads import ThreadChoice
 
 
-@pytest.mark.slow
+@pytest.mark.by_default("3-shape0-double")
 @pytest.mark.parametrize(("dtype", "bound"), [(np.float64, 1e-13), (np.float32, 1e-5)], ids=["double", "single"])
 @pytest.mark.parametrize(
     "shape",

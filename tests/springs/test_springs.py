@@ -57,7 +57,6 @@ def test_energy_and_force_are_those_of_the_definition():
     np.testing.assert_allclose(model.shell.force(x), force, rtol=0, atol=1e-13 * np.abs(force).max())
 
 
-@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 2**16))
 def test_derivatives_have_the_slopes_of_taylor(seed):
@@ -262,7 +261,6 @@ def swung(ratio, **options):
     return run
 
 
-@pytest.mark.by_default("implicit-100.0")
 @pytest.mark.parametrize(
     "ratio", [1e2, pytest.param(1e5, marks=pytest.mark.slow), pytest.param(1e8, marks=pytest.mark.slow)]
 )
