@@ -211,6 +211,7 @@ def test_the_mesh_reader_says_nothing_beside_its_one_line(tmp_path, capsys):
     assert "Traceback" not in errors
 
 
+@pytest.mark.by_default("modes")
 @pytest.mark.parametrize("command", ["simulate", "modes"])
 def test_a_folder_that_cannot_be_is_refused_before_the_work(command, tmp_path, capsys):
     path = tmp_path / "panel.obj"
@@ -320,6 +321,7 @@ flock = {count = 2, radius = 2.0, camera = {position = [0.0, -5.0, 0.0]}}
 """
 
 
+@pytest.mark.by_default('{name = "ds", integrator = "verlet"}')
 @pytest.mark.parametrize(
     "model",
     ['{name = "ds", integrator = "verlet"}', '{name = "springs", integrator = "linear_implicit", solver = "cg"}'],

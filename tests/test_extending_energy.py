@@ -183,6 +183,7 @@ def test_a_plugin_that_fails_is_named(tmp_path, monkeypatch, scene_file):
     load_plugins.cache_clear()
 
 
+@pytest.mark.slow
 def test_cubature_chooses_among_the_elements_of_further_sets():
     mesh = ms.v_beam(cells=(8, 4))
     clamped = mesh.vertices[:, 0] < 0.13

@@ -303,6 +303,13 @@ PARTS = {
 """The part of a surface that meets a bug, where the search of all of it comes to that late."""
 
 
+@pytest.mark.by_default(
+    "fuzzing.properties-threads",
+    "fuzzing.properties-carried",
+    "fuzzing.outputs-_commands",
+    "fuzzing.outputs-sizes",
+    "fuzzing.outputs-parts",
+)
 @pytest.mark.parametrize(
     ("module", "part"),
     [
@@ -321,14 +328,7 @@ def test_a_part_in_which_bugs_are_searched_is_in_the_whole(module, part, tmp_pat
     find(module.make(tmp_path), lambda drawn: drawn is mark, settings=settings(max_examples=500, database=None))
 
 
-@pytest.mark.by_default(
-    "crash-mesh_files-UncaughtException",
-    "short_message-mesh_files-UselessMessage",
-    "evaluated-scenes-kinds9",
-    "traceback_at_the_command_line-command_line-kinds10",
-    "memory_error_escapes-properties-UncaughtException",
-    "clips_unchecked-saved-kinds19",
-)
+@pytest.mark.by_default("short_message-mesh_files-UselessMessage", "evaluated-scenes-kinds9")
 @pytest.mark.parametrize(
     ("plant", "surface", "kinds"),
     [

@@ -55,6 +55,7 @@ def test_reprs_are_one_short_line(objects):
     assert not long
 
 
+@pytest.mark.slow
 def test_dataclasses_of_arrays_are_told_by_their_shapes(objects):
     told = {type(one).__name__: repr(one) for one in objects}
     assert re.search(r"positions=<\d+ x 3, ", told["Equilibrium"])

@@ -159,11 +159,13 @@ def test_a_shell_in_the_place_of_a_basis_or_a_model_is_said_how_to_become_one():
         ms.simulate(shell, duration=1.0, dt=0.1)
 
 
+@pytest.mark.slow
 def test_help_shows_no_empty_forms_of_lists(capsys):
     for command in ("simulate", "reproduce", "tradeoff"):
         assert "--empty" not in run(capsys, command, "--help")[1]
 
 
+@pytest.mark.by_default("True")
 @pytest.mark.parametrize("most", [True, 12])
 def test_cubature_says_where_it_keeps_nearly_all_elements(most):
     """Of a small V it kept 94 %, at the price of a training."""

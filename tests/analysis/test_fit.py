@@ -28,6 +28,7 @@ def measured(strip):
     return answer.positions
 
 
+@pytest.mark.slow
 def test_young_is_found_from_exact_positions(strip, measured):
     found = ms.fit(strip.with_material(replace(SHEET, young=4e6)), "young", measured, gravity=GRAVITY)
     assert found.converged
@@ -39,6 +40,7 @@ def test_young_is_found_from_exact_positions(strip, measured):
     assert found.evaluations < 15
 
 
+@pytest.mark.slow
 def test_young_is_found_from_a_small_move_too(strip):
     """Of a tip that has moved by a thousandth of a millimetre: no tolerance has a unit."""
     gravity, tip = 1e-7 * np.array(GRAVITY), strip.rest_positions[:, 0] > 0.999
@@ -66,6 +68,7 @@ def test_a_noisy_tip_curve_gives_young_within_its_interval(strip, measured):
     assert hits >= 9  # of 12 intervals of 95 %
 
 
+@pytest.mark.slow
 def test_two_constants_are_told_apart():
     """Weight and stiffness by where the shell is, Poisson's ratio by how it bends across."""
     mesh = ms.sheet(length=1.0, width=0.8, cells=(8, 8))
@@ -78,6 +81,7 @@ def test_two_constants_are_told_apart():
     assert found.values["poisson"] == pytest.approx(0.3, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_a_tip_curve_along_the_load_gives_young_from_loads_of_all_kinds(strip):
     tip, factors = strip.rest_positions[:, 0] > 0.999, (0.5, 1.5)
     push = np.zeros_like(strip.rest_positions)
@@ -113,6 +117,7 @@ def test_frequencies_give_young_and_thickness_goes_with_it(free):
     assert found.residual < 1e-6
 
 
+@pytest.mark.slow
 def test_a_load_curve_takes_few_factorisations(strip):
     """Predicted equilibria take two Newton steps or fewer, and share the factor that shows them stable."""
     tip, factors = strip.rest_positions[:, 0] > 0.999, np.arange(1, 7) / 6.0
@@ -129,6 +134,7 @@ def test_a_load_curve_takes_few_factorisations(strip):
     np.testing.assert_array_equal(found.state.gravity, GRAVITY)
 
 
+@pytest.mark.slow
 def test_where_no_equilibrium_is_near_the_model_finds_it(strip, measured, monkeypatch):
     monkeypatch.setattr(KnownEquilibrium, "near", lambda *_: None)
     observed = np.stack([ms.DiscreteShell(strip).equilibrium(gravity=(0.0, 0.0, -1.0)).positions, measured])
@@ -158,6 +164,7 @@ def test_a_selection_of_the_mesh_says_where(strip, measured):
     assert found.values["young"] == pytest.approx(1e6, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_constants_that_act_alike_are_refused_at_the_guess(strip):
     """Under its weight a sheet tells the quotient of modulus and density alone, also with another constant wrong."""
     factors = (0.3, 0.6, 1.0)
@@ -200,6 +207,7 @@ def test_wrong_input_is_refused(strip, measured, options, message):
         ms.fit(strip, given.pop("wrt"), given.pop("observed"), **given)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("sheet", "guess"),
     [
@@ -217,6 +225,7 @@ def test_poissons_ratio_is_found_wherever_the_sheet_is_stable(sheet, guess):
     assert found.values["poisson"] == pytest.approx(sheet.poisson, abs=1e-4)
 
 
+@pytest.mark.by_default("0.001-0.0")
 @pytest.mark.parametrize(("coupling", "guess"), [(-1e-3, 1e-3), (1e-3, 0.0)])
 def test_couplings_of_a_fabric_may_have_any_sign(coupling, guess):
     """Of the other sign nothing was found, and from none, the usual guess, none was allowed."""
@@ -319,6 +328,7 @@ def test_poissons_ratio_stays_within_its_bounds_where_other_orders_are_tried():
         assert -1.0 < found.values["poisson"] < 0.5
 
 
+@pytest.mark.slow
 def test_frequencies_of_a_half_that_symmetry_leaves_free_are_those_of_its_elastic_modes():
     """Three rigid motions stood in place of as many frequencies: NumPy's IndexError."""
     mesh = ms.sheet(length=1.0, width=0.7, cells=(6, 4))

@@ -22,6 +22,7 @@ def snapping():
     return shell, ms.equilibrium_path(shell, gravity=(0, 0, -1), until=70.0)
 
 
+@pytest.mark.slow
 def test_the_path_of_a_v_beam_is_that_of_load_steps_where_both_exist(snapping):
     shell, path = snapping
     assert path.converged
@@ -142,6 +143,7 @@ def test_paths_end_at_the_models_own_answers(name):
     np.testing.assert_allclose(path.positions[half], there.positions, rtol=0, atol=1e-5 * drop)
 
 
+@pytest.mark.slow
 def test_md_rom_buckles_and_snaps_on_a_panel_as_ds_does():
     """A shallow panel held along both straight edges, pushed down: it turns unstable aside first, then snaps."""
     mesh = ms.cylinder_panel(cells=(6, 8), angle=40.0)
@@ -182,6 +184,7 @@ def test_a_path_that_ends_early_says_so():
     assert len(path.factors) == 5
 
 
+@pytest.mark.slow
 def test_a_path_of_a_sheet_under_much_stress_begins_at_its_equilibrium():
     """It said that there is none: Newton's method from the shape at rest did not find it."""
     mesh = ms.cylinder_panel(length=0.5, radius=0.4, angle=60.0, cells=(8, 6))

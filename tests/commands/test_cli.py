@@ -38,7 +38,7 @@ def run(capsys, *arguments):
     return status or 0, captured.out, captured.err
 
 
-@pytest.mark.by_default("ds")
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["lma", "mwts", "ds"])
 def test_simulate_writes_a_film_and_the_positions(capsys, tmp_path, leaf, model):
     options = ["--clamp", "x < 0.08", "--gravity", "0", "0", "-9.81", "--model", model, "--duration", "0.2"]
@@ -52,6 +52,7 @@ def test_simulate_writes_a_film_and_the_positions(capsys, tmp_path, leaf, model)
     assert (tmp_path / f"leaf_{model}.mp4").stat().st_size > 1000
 
 
+@pytest.mark.slow
 def test_simulate_static_writes_a_picture(capsys, tmp_path, leaf):
     status, out, _ = run(capsys, "simulate", leaf, "--clamp", "x < 0.08", "--static", "--out", str(tmp_path))
     assert status == 0
@@ -59,7 +60,7 @@ def test_simulate_static_writes_a_picture(capsys, tmp_path, leaf):
     assert (tmp_path / "leaf_mwts.png").exists()
 
 
-@pytest.mark.by_default("False")
+@pytest.mark.slow
 @pytest.mark.parametrize("static", [True, False])
 def test_work_that_does_not_succeed_ends_with_status_1(capsys, tmp_path, leaf, static):
     options = ["--clamp", "x < 0.08", "--gravity", "0", "0", "-1e6", "--thickness", "1e-4", "--out", str(tmp_path)]

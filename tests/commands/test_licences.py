@@ -23,6 +23,7 @@ def test_every_dependency_and_extra_is_listed():
     assert set().union(*found.values()) == {"core", *PROJECT["optional-dependencies"]}
 
 
+@pytest.mark.slow
 def test_nothing_copyleft_stands_without_a_word():
     rows = licences()
     assert {row.package for row in rows if row.copyleft} <= set(WORDS)

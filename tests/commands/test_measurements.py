@@ -106,6 +106,7 @@ def test_a_fit_has_the_units_of_its_scene(capsys, tmp_path, curve, monkeypatch):
     assert re.search(r"Newton's first step is \S+ mm\)", err)
 
 
+@pytest.mark.slow
 def test_young_is_found_from_frequencies(capsys, tmp_path, curve):
     file = tmp_path / "modes.csv"
     file.write_text("\n".join(["frequency", *(f"{value}" if n != 2 else " " for n, value in enumerate(curve[1]))]))

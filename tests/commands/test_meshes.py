@@ -139,6 +139,7 @@ def test_what_is_named_is_not_chosen(capsys, tmp_path):
     assert "too soft" in out
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("default::modalshell.core.errors.ModalShellWarning")
 def test_what_is_doubtful_of_an_option_is_told_once(capsys, tmp_path):
     ms.save_mesh(ms.sheet(length=1.0, width=0.4, cells=(8, 3)), tmp_path / "sheet.ply")
@@ -147,6 +148,7 @@ def test_what_is_doubtful_of_an_option_is_told_once(capsys, tmp_path):
     assert err.startswith("modalshell: warning: --thickness 0.5 m is over a fifth of the mesh's size, ")
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("default::modalshell.core.errors.ModalShellWarning")
 def test_what_is_refused_of_a_mesh_in_mm_is_said_in_metres_and_by_options(capsys, tmp_path):
     ms.save_mesh(ms.sheet(length=100.0, width=100.0, cells=(2, 40)), tmp_path / "sheet.ply")

@@ -38,6 +38,7 @@ def basis():
     return ms.solve_modes(shell, 2)
 
 
+@pytest.mark.slow
 def test_motions_and_bases_open_as_pages(tmp_path, opened, basis, capsys):
     motion = ms.simulate(ms.LinearModal(basis), duration=0.1, dt=0.05, gravity=(0, 0, -1))
     (tmp_path / "run").mkdir()

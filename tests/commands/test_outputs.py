@@ -77,6 +77,7 @@ def test_a_companion_of_another_program_stays(refused, scene_file, tmp_path):
     assert json.loads(described.read_text())["layout"].startswith("modalshell")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["npz", "json", "csv"])
 def test_a_run_replaces_results_and_nothing_else(refused, scene_file, tmp_path, suffix):
     scene = scene_file(more='[output]\nformats = ["csv"]\n')

@@ -73,11 +73,7 @@ def test_an_engine_that_meets_the_closed_forms_counts(adapter):
     assert found.frame_ms == pytest.approx(1e3 / (2.0 * 4.0 * STEPS[0]))
 
 
-@pytest.mark.by_default(
-    "found['positions'] = [bent(1.2)]-conversion check failed: small drop +20 %",
-    "found['taken'] = [1]-not at rest after 9 s a load",
-    "del found['positions']-no step down to",
-)
+@pytest.mark.by_default("found['taken'] = [1]-not at rest after 9 s a load", "del found['positions']-no step down to")
 @pytest.mark.parametrize(
     ("change", "outcome"),
     [
@@ -95,6 +91,7 @@ def test_what_fails_its_check_has_no_answer(adapter, change, outcome):
     assert not found.counts
 
 
+@pytest.mark.slow
 def test_shorter_steps_are_tried_until_the_conversion_holds(adapter):
     soft = "\nif case['steps'][0] * 100 > case['duration'] / 2.0: found['positions'] = [bent(3.0)]"
     engine = adapter(ANSWER + soft + "\nprint(json.dumps(found))")

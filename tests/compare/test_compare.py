@@ -79,6 +79,7 @@ def test_rows_agree_with_direct_calls(bent):
     assert moved[bent.tip] == pytest.approx(moved.max(), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_frequencies_about_the_bent_state(bent):
     frequency = {row.label: row.frequency for row in bent.rows}
     assert frequency["LMA 4"] == pytest.approx(1.0)

@@ -50,6 +50,7 @@ def test_engines_are_rows_of_a_tradeoff(shell, tmp_path):
     assert all(path.stat().st_size for path in found.save(tmp_path))
 
 
+@pytest.mark.slow
 def test_without_engines_nothing_is_told(shell):
     found = ms.tradeoff(shell, gravity=(0.0, 0.0, -1.0), modes=[2], loads=[1.0])
     assert found.engines == []

@@ -118,7 +118,7 @@ def test_before_a_snap_it_names_ds(shell):
     assert len(advice.rows) == 2  # the first rung, and the most exact one
 
 
-@pytest.mark.by_default("45.0")
+@pytest.mark.slow
 @pytest.mark.parametrize("angle", [45.0, 90.0])
 def test_a_snap_far_below_the_load_is_named_where_the_path_finds_it(angle):
     """The first bar stands at a quarter of the load, past the end of the branch, and foretells it up to 9 times off."""
@@ -146,6 +146,7 @@ def test_an_error_of_nothing_is_refused(shell):
         ms.quick_advice(shell, gravity=(0.0, 0.0, -1.0), error=0.0)
 
 
+@pytest.mark.slow
 def test_a_quick_comparison_has_the_errors_of_the_full_one(shell, monkeypatch):
     gravity = (0.0, 2.0, -15.0)
     monkeypatch.setattr(ms.DiscreteShell, "equilibrium", None)

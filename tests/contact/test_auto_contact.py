@@ -35,6 +35,7 @@ def test_auto_rests_on_a_table_within_its_error(shell, error, name):
     assert live.bar.displacement <= error
 
 
+@pytest.mark.slow
 def test_auto_leaves_what_pushes_out_to_discrete_shells(shell):
     model, wall = ms.Auto(shell), ms.Contact(ms.Plane((0, 0, 1), 0.02), sel="x > 0.5", push_out=1.0)
     state = model.equilibrium(contacts=[wall])
@@ -42,6 +43,7 @@ def test_auto_leaves_what_pushes_out_to_discrete_shells(shell):
     assert state.positions[shell.mesh.vertices[:, 0] > 0.5, 2].min() >= 0.02 - 1e-9
 
 
+@pytest.mark.slow
 def test_auto_leaves_friction_to_discrete_shells(shell):
     """Statics of modes refuse it, which is no reason for a model that has DS to do so."""
     rough = ms.Contact(ms.Plane((0, 0, 1), -0.15), friction=0.3)
@@ -197,6 +199,7 @@ def test_a_motion_resumes_with_the_same_bits_wherever_it_stopped(small, name, fr
             assert all(np.array_equal(a, b) for a, b in zip(found, expected[:3], strict=True)), stop
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ROUGH)
 def test_rough_contacts_are_left_to_discrete_shells_as_long_as_they_touch(small, auto, name):
     """Modes move before and after; steps in which a collider with friction or restitution touches are of DS."""
@@ -219,6 +222,7 @@ def test_rough_contacts_are_left_to_discrete_shells_as_long_as_they_touch(small,
         assert levels[-1] == "MWTS"
 
 
+@pytest.mark.slow
 def test_modes_lie_on_a_smooth_floor_while_a_rough_box_is_away(small, auto):
     rough, collider, _ = ROUGH["swept by a rough box"]
     given = [ms.Contact(ms.Plane((0, 0, 1), -0.05)), ms.Contact(collider, **rough)]
@@ -245,6 +249,7 @@ def test_what_modes_do_not_take_begins_by_discrete_shells(small, auto):
     assert norm(small, run.positions - truth.positions).max() < 1e-9 * small.size
 
 
+@pytest.mark.slow
 def test_a_coarse_shell_is_left_out_with_contacts_and_said_to_be(small, auto):
     coarse = ms.Shell(ms.flat_beam(length=1.0, width=0.2, cells=(8, 1)), small.material, clamped="x < 1e-6")
     floor = ms.Contact(ms.Plane((0, 0, 1), -0.1), friction=0.3)
@@ -262,6 +267,7 @@ def test_bars_of_a_motion_with_friction(auto):
     assert (run.bars.displacement[judged] < 0.05).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("friction", [0.0, pytest.param(0.4, marks=pytest.mark.slow)])
 def test_a_scene_of_it_resumes(scene_file, tmp_path, friction):
     floor = f'[[contacts]]\nkind = "plane"\nnormal = [0, 0, 1]\noffset = -0.06\nfriction = {friction}\n'
@@ -285,6 +291,7 @@ def test_a_motion_that_cannot_be_is_refused_by_name(small, auto):
         move(ms.Auto(ms.Shell(small.mesh, small.material)), FLOOR, GRAVITY, duration=0.1)
 
 
+@pytest.mark.slow
 def test_a_start_on_the_table_is_held(small, auto):
     begun = ms.DiscreteShell(small).equilibrium(gravity=GRAVITY, contacts=[FLOOR])
     run = move(auto, FLOOR, GRAVITY, duration=0.3, start=begun.positions)

@@ -69,6 +69,7 @@ def test_a_contact_of_fine_vertices_next_to_held_coarse_ones_puts_these_out():
     assert answer.positions[fine.mesh.vertices[:, 0] < 0.2, 2].min() >= -1e-4 - 1e-12
 
 
+@pytest.mark.slow
 def test_steps_in_parts_state_the_whole_impulse_of_a_coarse_shell():
     """Half of it was stated: what touches sums up the parts of a step, and was summed up again."""
     model, given = ms.CoarseDiscreteShell(shell_of((8, 2)), shell_of((4, 1))), {"gravity": (0.0, 0.0, -3.0)}
@@ -80,7 +81,7 @@ def test_steps_in_parts_state_the_whole_impulse_of_a_coarse_shell():
     assert impulses[1] == pytest.approx(impulses[0], rel=0.1)
 
 
-@pytest.mark.by_default("hybrid")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["coarse DS", "hybrid"])
 def test_a_coarse_shell_falls_on_a_table_as_the_fine_one(models, shells, run_of, name):
     run, truth = run_of(name), run_of("DS")
@@ -97,7 +98,7 @@ def test_a_coarse_shell_falls_on_a_table_as_the_fine_one(models, shells, run_of,
     assert ms.measure.displacement_error(rest.positions, exact.positions, shells[0]) < 0.01
 
 
-@pytest.mark.by_default("RSW-0.02-40")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "error", "begin"),
     [("coarse DS", 3e-3, 20), ("hybrid", 3e-3, 20), ("LMA", 0.06, 40), ("MWTS", 0.02, 40), ("RSW", 0.02, 40)],
@@ -154,6 +155,7 @@ def test_a_roller_presses_a_coarse_strip_down_as_a_fine_one(models, shells):
     assert run.contact_forces[-1].sum() == pytest.approx(truth.contact_forces[-1].sum(), rel=0.06)
 
 
+@pytest.mark.slow
 def test_fine_vertices_dip_into_a_ball_as_deep_as_coarse_edges_do(models):
     ball = ms.Contact(ms.Sphere((0.7, 0.0, -0.21), 0.2))
     run = ms.simulate(models["coarse DS"], duration=0.8, contacts=[ball], **GIVEN)
@@ -161,7 +163,7 @@ def test_fine_vertices_dip_into_a_ball_as_deep_as_coarse_edges_do(models):
     assert 0.0 < run.deepest.max() < 0.1**2 / (4.0 * 0.2)
 
 
-@pytest.mark.by_default("hybrid")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["coarse DS", "hybrid"])
 def test_a_resumed_motion_has_the_same_bits(models, shells, name):
     rough = ms.Contact(ms.Plane((0, 0, 1), -0.15), friction=0.3)
@@ -182,6 +184,7 @@ def test_a_resumed_motion_has_the_same_bits(models, shells, name):
     assert whole.positions().tobytes() == second.positions().tobytes()
 
 
+@pytest.mark.slow
 def test_a_free_coarse_shell_falls_on_a_floor_with_its_momentum():
     fine, coarse = (shell_of(cells, clamped=None) for cells in ((16, 4), (8, 2)))
     model = ms.CoarseDiscreteShell(fine, coarse)

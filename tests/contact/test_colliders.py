@@ -152,6 +152,7 @@ def test_a_flat_face_is_flat_where_its_triangles_meet_too():
         np.testing.assert_allclose(found, exact, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_strip_lies_on_a_mesh_as_on_its_ball():
     mesh = ms.flat_beam(length=1.0, width=0.2, cells=(12, 2))
     material = ms.Isotropic(young=1e8, poisson=0.3, thickness=5e-3, density=100.0)
@@ -167,6 +168,7 @@ def test_a_strip_lies_on_a_mesh_as_on_its_ball():
     assert ms.measure.displacement_error(on_mesh.positions, on_ball.positions, shell) < 0.05
 
 
+@pytest.mark.slow
 def test_normals_on_a_mesh_are_those_of_its_faces_next_to_it_too():
     """Offsets of some 1e-12 m have no direction but by rounding: a strip came to rest elsewhere than on the box."""
     turn, half = Rotation.from_rotvec((0.05, 0.1, 0.0)), np.array((0.05, 0.2, 0.05))

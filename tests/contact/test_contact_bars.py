@@ -25,7 +25,7 @@ def shell(request):
     return strip(own=request.param)
 
 
-@pytest.mark.by_default("springs and hinges-floor")
+@pytest.mark.slow
 @pytest.mark.parametrize("contacts", [[FLOOR], [ROLLER], [FLOOR, ROLLER]], ids=["floor", "roller", "both"])
 def test_bars_are_the_true_errors(shell, contacts):
     truth = ms.DiscreteShell(shell).equilibrium(gravity=GRAVITY, contacts=contacts)
@@ -45,6 +45,7 @@ def test_bars_are_the_true_errors(shell, contacts):
     assert own.valid
 
 
+@pytest.mark.by_default("roller")
 @pytest.mark.parametrize("contacts", [[FLOOR], [ROLLER]], ids=["floor", "roller"])
 def test_bars_of_numbers_are_those_of_discrete_shells(contacts):
     """They were refused."""
@@ -145,6 +146,7 @@ def test_a_bar_is_void_where_what_touches_does_not_settle(shell, monkeypatch):
     assert str(found) == "no error bar: what touches has not settled in 2 Newton steps"
 
 
+@pytest.mark.slow
 def test_bars_under_loads_that_change(shell):
     loads = [ms.Pressure(-6.0)]
     truth = ms.DiscreteShell(shell).equilibrium(loads=loads, contacts=[FLOOR])

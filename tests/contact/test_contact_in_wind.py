@@ -36,6 +36,7 @@ def test_a_light_strip_comes_to_lie_as_it_does_in_short_steps(name):
     assert off < 0.004
 
 
+@pytest.mark.slow
 def test_a_scene_that_was_stopped_resumes_to_the_same_bits(tmp_path):
     """A step with a drag asks for derivatives that other steps of MWTS do without: its state keeps where it did."""
     (tmp_path / "scene.toml").write_text("""

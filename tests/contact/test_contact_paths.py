@@ -38,6 +38,7 @@ def uneven(shell):
     return force
 
 
+@pytest.mark.slow
 def test_a_strip_comes_down_on_a_table(strip):
     path = ms.equilibrium_path(strip, gravity=GRAVITY, control="load", contacts=[FLOOR])
     truth = ms.DiscreteShell(strip).equilibrium(gravity=GRAVITY, contacts=[FLOOR])
@@ -54,6 +55,7 @@ def test_a_strip_comes_down_on_a_table(strip):
     np.testing.assert_allclose(path.positions[middle], half.positions, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_it_is_lifted_off_again(strip):
     down = ms.equilibrium_path(strip, gravity=GRAVITY, control="load", contacts=[FLOOR])
     begin = {"begin": 1.0, "until": 0.1, "start": down.positions[-1]}
@@ -78,6 +80,7 @@ def test_contacts_that_are_far_leave_the_path_and_its_bifurcation(arch, free_pat
 FAR = [ms.Contact(ms.Plane((0, 0, -1), -1.0))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("contacts", "beyond"), [(None, 1e-6), (FAR, 1e-4)], ids=["free", "contacts far"])
 def test_little_beyond_its_bifurcation_the_arch_leaves_the_saddle(arch, free_path, contacts, beyond):
     """The potential falls from there by a small part of itself, which rounding must not take for none."""
@@ -94,6 +97,7 @@ PUNCHES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", PUNCHES)
 def test_a_pressed_arch_buckles_under_the_punch(kind):
     """On the way the shell lies at saddles next to others, where what nearly touches is in the way."""

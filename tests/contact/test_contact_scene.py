@@ -137,7 +137,10 @@ def test_a_plain_scene_imports_no_contacts_comparisons_or_sweeps_but_knows_all_k
     flock = Path(__file__).parents[2] / "studies/scenes/flock.toml"
     code = (
         "import sys, modalshell as ms\n"
-        f"ms.load_scene({str(scene_file())!r}).build().start_motion().advance()\n"
+        f"scene = ms.load_scene({str(scene_file())!r})\n"
+        "scene.build().start_motion().advance()\n"
+        "for given in (None, []):\n"
+        "    ms.DiscreteShell(scene.build_shell()).equilibrium(gravity=(0, 0, -0.1), contacts=given)\n"
         "print([part for part in ms._LATER if f'modalshell.{part}' in sys.modules])\n"
         f"assert 'springs' in ms.models() and ms.load_scene({str(flock)!r})\n"
         "assert ms.contact.Plane is ms.Plane and 'Flock' in dir(ms) and ms.crowd.Flock is ms.Flock\n"
@@ -146,6 +149,7 @@ def test_a_plain_scene_imports_no_contacts_comparisons_or_sweeps_but_knows_all_k
     assert out.strip() == "['crowd', 'springs']"  # register a kind of scene and a model
 
 
+@pytest.mark.by_default("mwts")
 @pytest.mark.parametrize("model", ["mwts", "ds"])
 def test_what_touches_is_stored_with_the_frames_and_the_same_after_a_stop(scene_file, tmp_path, model):
     file = scene_file(('"mwts"', f'"{model}"'), ("duration = 1", "duration = 0.5"), more=FLOOR)
@@ -169,6 +173,7 @@ def test_a_result_without_contacts_has_no_members_of_them(scene_file, tmp_path):
     assert found.trajectory.deepest.size == 0
 
 
+@pytest.mark.slow
 def test_bars_and_paths_of_scenes_know_what_they_touch(scene_file):
     still = ('"mwts"', '"ds"'), ("[motion]\nduration = 1", '[path]\ncontrol = "load"')
     scene = ms.load_scene(scene_file(*still, more=FLOOR))
@@ -191,6 +196,7 @@ def test_bars_and_paths_of_scenes_know_what_they_touch(scene_file):
         ms.load_scene(own).build()
 
 
+@pytest.mark.slow
 def test_what_is_said_of_colliders_is_the_same_after_a_stop(scene_file, tmp_path):
     ceiling = FLOOR.replace("[0, 0, 1]", "[0, 0, -1]").replace("-0.1", "-0.2")
     press = ceiling + "path = { times = [0, 0.5], translations = [[0, 0, 0], [0, 0, -0.5]] }\n"

@@ -61,7 +61,7 @@ def test_statics_takes_few_iterations_on_any_mesh(body, cells):
     assert (np.sum(state.contact_forces * normal, axis=1) >= 0.0).all()
 
 
-@pytest.mark.by_default("cylinder")
+@pytest.mark.slow
 @pytest.mark.parametrize("body", BODIES)
 def test_the_answer_is_that_of_the_thick_fluid(body, monkeypatch):
     shell = strip(40, 3e7 if body == "low table" else 1e8)
@@ -74,6 +74,7 @@ def test_the_answer_is_that_of_the_thick_fluid(body, monkeypatch):
     np.testing.assert_allclose(found.contact_forces, slow.contact_forces, rtol=0.0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_far_from_the_origin_the_guess_is_found_too():
     away = np.array([64.0, -32.0, 16.0])
     near, far = rest(strip(40), BODIES["table"]), rest(strip(40, origin=away), ms.Plane((0, 0, 1), 16.0 - 0.1))
@@ -125,6 +126,7 @@ def test_a_guess_is_refused_that_the_start_would_have_to_climb_to():
     assert found["higher"].point[:, 2].min() < -0.05
 
 
+@pytest.mark.slow
 def test_no_guess_is_asked_for_where_none_is_needed(monkeypatch):
     shell, floor = strip(20), ms.Contact(BODIES["table"])
     start = rest(shell, BODIES["table"]).positions
@@ -147,6 +149,7 @@ def test_what_no_modal_model_answers_has_no_guess():
     assert ms.DiscreteShell(free)._near_contacts(loading, [ms.Contact(BODIES["table"])]) is None
 
 
+@pytest.mark.slow
 def test_motions_of_supports_over_a_table_ask_for_no_guess(monkeypatch):
     refuse_guesses(monkeypatch)
     shell = strip(20)

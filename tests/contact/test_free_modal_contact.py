@@ -41,7 +41,7 @@ def falling(model, contact, **given):
     return Motion(model, model.shell.loading(GRAVITY, None, None), contacts=[contact], **({"dt": DT} | given))
 
 
-@pytest.mark.by_default("LMA-ball")
+@pytest.mark.slow
 @pytest.mark.parametrize("contact", [FLOOR, BALL], ids=["floor", "ball"])
 @pytest.mark.parametrize("name", ["LMA", "MWTS", "RSW", "reduced RSW"])
 def test_momenta_change_by_the_impulses_of_contact_and_gravity(shell, models, name, contact):
@@ -115,6 +115,7 @@ def test_a_panel_falls_on_its_corner_as_its_discrete_shell(shell, models, name):
     assert run.contact_forces[-1, :, 2].sum() == pytest.approx(G * shell.mass.sum(), rel=1e-3)
 
 
+@pytest.mark.by_default("0.0")
 @pytest.mark.parametrize("restitution", [0.0, 0.6])
 def test_forces_of_steps_taken_in_parts_are_means_that_change_the_momentum(shell, models, restitution):
     """Those of the last part alone were told: up to 12 weights off."""
@@ -137,6 +138,7 @@ def test_forces_of_steps_taken_in_parts_are_means_that_change_the_momentum(shell
     assert touched > 1
 
 
+@pytest.mark.slow
 def test_a_flat_fall_is_that_of_a_point(models):
     run = ms.simulate(models["MWTS"], duration=0.4, dt=DT, gravity=GRAVITY, contacts=[FLOOR])
     first = int(run.in_contact.any(axis=1).argmax())
@@ -172,6 +174,7 @@ def test_a_rod_strikes_the_floor_with_the_impulse_of_a_rigid_one(angle):
     assert spin == pytest.approx(6.0 * np.cos(angle) * speed / length / share, rel=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["MWTS", "reduced RSW"])
 def test_a_resumed_motion_has_the_same_bits(shell, models, name):
     whole, second = (falling(models[name], FLOOR, start=tilted(shell)) for _ in range(2))

@@ -28,7 +28,7 @@ def floor(**given):
     return ms.Contact(FLOOR.collider, **given)
 
 
-@pytest.mark.by_default("MWTS-1.5")
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.5, 0.9, 1.5])
 @pytest.mark.parametrize("name", ["MWTS", "RSW"])
 def test_a_panel_slides_and_sticks_on_a_slope_as_a_block(shell, basis, name, share):
@@ -53,7 +53,7 @@ def test_a_panel_slides_and_sticks_on_a_slope_as_a_block(shell, basis, name, sha
     assert np.diff(run.energies.sum(axis=1)).max() <= 0.0
 
 
-@pytest.mark.by_default("MWTS")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RUNGS)
 def test_momenta_of_a_rubbing_panel_change_by_its_contact_forces_and_friction(shell, basis, name):
     """On a floor the vertical one changes by the normal forces exactly, the others within Coulomb's cone."""
@@ -117,7 +117,7 @@ def test_a_flat_panel_rebounds_from_a_floor_that_rises(basis, name):
     assert speeds[-1] - 0.3 == pytest.approx(0.6 * np.sqrt(0.3**2 + 2.0 * G * 0.2), rel=1e-6)
 
 
-@pytest.mark.by_default("0.9")
+@pytest.mark.slow
 @pytest.mark.parametrize("angle", [0.3, 0.9])
 def test_a_rod_rebounds_with_the_impulse_of_a_rigid_one(angle):
     """``(1 + e) m v / (1 + 3 cos^2 a)``, and the spin ``6 (1 + e) cos a (v / L) / (1 + 3 cos^2 a)``."""
@@ -142,6 +142,7 @@ def test_a_rod_rebounds_with_the_impulse_of_a_rigid_one(angle):
     assert spin == pytest.approx(6.0 * np.cos(angle) * speed / length * share, rel=2e-3)
 
 
+@pytest.mark.by_default("ball")
 @pytest.mark.parametrize("contact", [FLOOR.collider, ms.Sphere((0.25, 0.1, -0.4), 0.2)], ids=["floor", "ball"])
 def test_a_panel_on_its_corner_gains_no_energy_by_restitution(shell, basis, contact):
     motion = falling(ms.ModalWarping(basis), ms.Contact(contact, restitution=1.0), start=tilted(shell), dt=1 / 480)
@@ -169,7 +170,7 @@ def test_a_panel_that_falls_into_a_rough_corner_gains_no_energy_and_solves_its_s
     assert (run.contact_forces.sum(axis=(0, 1)) > 0.0).all()
 
 
-@pytest.mark.by_default("MWTS")
+@pytest.mark.slow
 @pytest.mark.parametrize("rung", ["MWTS", "DS"])
 def test_a_panel_that_keeps_its_speed_keeps_its_height(basis, shell, rung):
     """Each rebound lost what the load had given within its step: after seven of them half of the energy was left."""
@@ -194,6 +195,7 @@ def test_the_error_of_steps_counts_rebounds_as_that_of_discrete_shells_does(basi
         assert modal.step_error == pytest.approx(full.step_error, rel=1e-2)
 
 
+@pytest.mark.slow
 def test_a_rubbing_motion_resumes_with_the_same_bits(shell, basis):
     contact = floor(friction=FRICTION, restitution=0.5)
     whole, second = (falling(ms.ModalWarping(basis), contact, start=tilted(shell)) for _ in range(2))

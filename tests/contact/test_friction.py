@@ -31,6 +31,7 @@ def on_slope(slope, thickness=1e-3, integrator="bdf2"):
     return (x[-1] - x[-2]) / STEP, run
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("thickness", [1e-2, 1e-3])
 def test_a_strip_slides_down_a_steep_slope_as_a_block(thickness):
     slope = np.arctan(1.3 * MU)
@@ -41,6 +42,7 @@ def test_a_strip_slides_down_a_steep_slope_as_a_block(thickness):
     assert np.diff(run.energies.sum(axis=1)).max() <= 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("integrator", "steps"), [("bdf2", 1), ("composite", 2)])
 def test_a_strip_on_a_gentle_slope_creeps_as_the_message_says(integrator, steps):
     speed, run = on_slope(np.arctan(0.9 * MU), integrator=integrator)
@@ -65,7 +67,7 @@ def gone(share, *, rung="full", **given):
     return way, float(run.message.split("creeps at ")[1].split(" m/s")[0])
 
 
-@pytest.mark.by_default("full")
+@pytest.mark.slow
 @pytest.mark.parametrize("rung", ["full", "sdirk2", "modal"])
 def test_friction_stays_in_short_steps(rung):
     """The slip of full friction was one for all steps: in 1920 a second a block slid twice as far as it does."""
@@ -116,6 +118,7 @@ def test_a_falling_strip_with_friction_gains_no_energy(thickness, options):
     assert np.diff(run.energies.sum(axis=1)).max() <= 1e-10 * np.ptp(run.energies[:, 2])
 
 
+@pytest.mark.slow
 def test_a_step_under_better_forces_begins_at_the_answer_under_those_before(monkeypatch):
     solves, iterate = [], ActiveSet.iterate
 
@@ -132,6 +135,7 @@ def test_a_step_under_better_forces_begins_at_the_answer_under_those_before(monk
     assert sum(other.converged for _, other in pairs) > 0.8 * len(pairs)
 
 
+@pytest.mark.slow
 def test_what_lies_higher_than_where_a_step_begins_is_no_answer(monkeypatch):
     floor, shell, iterate, count = (
         ms.Contact(ms.Plane(offset=-0.02)),
@@ -188,6 +192,7 @@ def test_derivatives_of_the_smoothed_work():
                                    change.ravel(), rtol=1e-4, atol=1e-4 * np.abs(change).max())  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_resumed_motion_with_friction_has_the_same_bits():
     shell = strip()
     gravity = 9.81 * np.array([0.4, 0.0, -0.9])

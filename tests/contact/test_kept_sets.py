@@ -45,7 +45,7 @@ def truth(strip, resting):
     return swing(strip, resting, 960).positions[::16]
 
 
-@pytest.mark.by_default("composite")
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", ["composite", "sdirk2", "bdf2"])
 def test_a_strip_that_swings_on_a_cylinder_is_followed_with_order_two(strip, resting, truth, integrator):
     """By implicit Euler it was 0.5 off at 60 steps a second and 0.45 at 240, and hung still after three periods."""
@@ -59,9 +59,10 @@ def test_a_strip_that_swings_on_a_cylinder_is_followed_with_order_two(strip, res
     assert errors[0] / errors[2] > 7.0  # 16 by order two, 4 by order one
 
 
-@pytest.mark.by_default("composite-0.0")
-@pytest.mark.parametrize("friction", [0.0, 0.3])
-@pytest.mark.parametrize("integrator", ["composite", "bdf2", "sdirk2"])
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("integrator", "friction"), [("composite", 0.0), ("composite", 0.3), ("bdf2", 0.3), ("sdirk2", 0.0)]
+)
 def test_it_neither_gains_energy_nor_sinks_in(strip, resting, integrator, friction):
     contact = lying(friction)
     run = swing(strip, resting, 60, integrator, contact, 2.0)
@@ -70,6 +71,7 @@ def test_it_neither_gains_energy_nor_sinks_in(strip, resting, integrator, fricti
     assert min(contact.distance(x, time).min() for x, time in zip(run.positions, run.times, strict=True)) >= -1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("way", "friction", "most"),
     [((0.0, 0.4, 0.0), 0.4, 0.06), ((0.0, 0.0, 0.02), 0.0, 0.017)],
@@ -94,6 +96,7 @@ def test_its_damping_is_the_one_asked_for(strip, resting):
     assert np.log(early / late) / 0.6 == pytest.approx(1.0, rel=0.15)
 
 
+@pytest.mark.slow
 def test_a_step_that_would_gain_energy_is_one_of_implicit_euler(strip, resting, monkeypatch):
     gains = []
     monkeypatch.setattr(KeptSteps, "gains", lambda *_: gains.append(True) or True)
@@ -133,6 +136,7 @@ def test_a_pinned_strip_over_a_cylinder_takes_steps_of_order_two():
     assert whole[0] - whole[-1] < 1e-3 * np.ptp(energies, axis=0)[2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", ["composite", "bdf2"])
 def test_forces_change_the_momentum_of_a_plate_that_swings_on_a_floor(integrator):
     mesh = ms.sheet(length=0.4, width=0.3, cells=(4, 3))
@@ -152,6 +156,7 @@ def test_forces_change_the_momentum_of_a_plate_that_swings_on_a_floor(integrator
     assert kept > 30
 
 
+@pytest.mark.slow
 def test_a_resumed_motion_has_the_same_bits(strip, resting):
     path = ms.SupportPath([0.0, 1.0], [(0, 0, 0), (0, 0, 0.05)])
     contacts = [lying(0.2, path)]
@@ -233,7 +238,7 @@ def moved(model, rate, path, duration=0.3, share=0.7):
     return ms.simulate(model, duration=duration, dt=1.0 / rate, **given)
 
 
-@pytest.mark.by_default("MWTS")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["LMA", "MWTS", "RSW"])
 def test_modal_models_on_a_collider_that_moves_keep_order_two(modal, name):
     """All steps were of implicit Euler: 0.2 off at 60 steps a second, and 0.1 at 240."""
@@ -367,7 +372,7 @@ def test_positions_of_contacts_are_those_of_the_frame(modal, name):
 SLIDES = ms.SupportPath(np.linspace(0.0, 0.6, 121), np.sin(np.linspace(0.0, 2.0 * np.pi, 121))[:, None] * [-0.1, 0, 0])
 
 
-@pytest.mark.by_default("LMA")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["LMA", "RSW"])
 def test_a_strip_keeps_what_a_collider_gives_that_slides_under_it(modal, name):
     """Where it goes from vertex to vertex. Implicit Euler alone left 0.139 and 0.189 J of 0.21."""

@@ -73,6 +73,7 @@ def test_a_sheet_that_buckles_on_the_way_reaches_a_minimum():
     np.testing.assert_allclose(other.positions, found.positions, rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_table_out_of_reach_changes_nothing():
     shell, end = sheet(clamped="x < 1e-9")
     model = ms.DiscreteShell(shell)
@@ -155,6 +156,7 @@ def test_a_sheet_pushed_against_its_friction_until_it_snaps_has_no_answer():
     assert found.constraint_residuals == pytest.approx([missed])
 
 
+@pytest.mark.slow
 def test_what_does_not_go_together_is_refused():
     shell, end = sheet(clamped="x < 1e-9")
     model = ms.DiscreteShell(shell)
@@ -209,6 +211,7 @@ def test_a_free_sheet_is_lifted_by_one_vertex(height, corner):
     assert np.abs(np.cross(arms, found.contact_forces).sum(axis=0)[2]) <= 1e-9 * weight
 
 
+@pytest.mark.slow
 def test_a_turn_that_a_start_has_made_is_kept():
     """The vertex that keeps its plane is the farthest where the shell is, not where it was at rest."""
     shell, end = sheet()

@@ -28,6 +28,7 @@ def led(shell, move, whole=1.0):
     return [ms.PositionConstraint(end, lambda t: place + min(1.0, whole + t) * np.array(move))]
 
 
+@pytest.mark.by_default("rod")
 @pytest.mark.parametrize("contact", [FLOOR, ROD], ids=["floor", "rod"])
 def test_both_hold_at_rest_and_bars_are_the_true_errors(shell, rung, contact):
     """They were refused."""
@@ -62,6 +63,7 @@ def test_linear_modes_on_a_floor_bear_loads_and_reactions_in_balance(shell):
     assert np.abs(modal).max() <= 1e-6 * np.abs(basis.modes.T @ (shell.mass[:, None] * GRAVITY).ravel()).max()
 
 
+@pytest.mark.by_default("LinearModal", "RotationStrain")
 @pytest.mark.parametrize("kind", [ms.LinearModal, ms.ModalWarping, ms.RotationStrain])
 def test_both_hold_in_motion_and_resume_to_the_same_bits(shell, kind):
     setting = {"dt": 0.02, "damping": ms.Damping(4.0, 0.0), "contacts": [FLOOR]}

@@ -48,6 +48,7 @@ def test_small_problems_are_solved_exactly(seed, symmetric):
     assert np.abs(forces * after).max() <= 1e-7 * np.abs(forces).max()
 
 
+@pytest.mark.by_default("MWTS-0.02-0.02", "RSW-0.005-0.01")
 @pytest.mark.parametrize(("name", "error", "force"), [("LMA", 0.12, 0.05), ("MWTS", 0.02, 0.02), ("RSW", 0.005, 0.01)])
 def test_a_cantilever_on_a_table_rests_as_its_discrete_shell(shell, basis, truth, name, error, force):
     state = MODELS[name](basis).equilibrium(gravity=GRAVITY, contacts=[FLOOR])
@@ -106,6 +107,7 @@ def test_undamped_motion_on_a_collider_never_gains_energy(basis, name, collider)
     assert rise <= (1e-13 if name == "LMA" else 2e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["LMA", "MWTS"])
 def test_compiled_frames_are_those_that_ask_for_gaps_and_rows(basis, name, monkeypatch):
     """A sphere among a box, and the same without a compiled form: one problem has one answer, solved closely."""
@@ -230,6 +232,7 @@ def strips():
     return {"limp": made(5e7), "stiff": made(2e9)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("model", "error"), [(ms.RotationStrain, 0.01), (ms.LinearModal, 0.3)])
 def test_more_vertices_than_modes_may_touch_at_rest(strips, model, error):
     shell, basis = strips["limp"]

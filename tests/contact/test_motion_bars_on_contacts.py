@@ -86,7 +86,7 @@ def ratios(shell, run, contact, gravity):
     return np.array(found)
 
 
-@pytest.mark.by_default("rising")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_they_are_the_distance_from_rest_under_the_load_in_balance(shell, warping, name):
     contact, gravity = SCENES[name]
@@ -119,6 +119,7 @@ def test_friction_is_a_load_of_its_frame(shell):
     assert with_it < 0.8 * without
 
 
+@pytest.mark.slow
 def test_damping_by_the_stiffness_is_no_error_in_contact(shell):
     """The gaps are those of the shape, and not of what its stresses are ahead of it."""
     rising = ms.Contact(ms.Plane((0, 0, 1), -0.02), "x > 0.6", motion=along(2, [0.0, 0.7, 1.4], [0.0, 0.06, 0.0]))
@@ -144,6 +145,7 @@ def test_frames_that_are_not_judged_say_why_and_spoil_none(warping, tmp_path):
     assert str(again.bars) == str(run.bars)
 
 
+@pytest.mark.slow
 def test_bars_are_void_from_where_the_margin_fails():
     """A ball pushes an arch through: RSW is right by its bar again beyond, which is void as history is not known."""
     flat = ms.flat_beam(length=1.0, width=0.1, cells=(16, 2))
@@ -185,6 +187,7 @@ def test_seen_from_supports_that_move_they_are_the_same(warping):
     assert bar.margin == pytest.approx(still.margin, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_scene_has_them_and_a_resumed_one_the_same(scene_file, tmp_path):
     floor = '[[contacts]]\nkind = "plane"\nnormal = [0, 0, 1]\noffset = -0.1\n'
     scene = scene_file(more=floor)

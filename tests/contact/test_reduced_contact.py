@@ -35,6 +35,7 @@ def truth(shell):
     return ms.DiscreteShell(shell, integrator="bdf2")
 
 
+@pytest.mark.by_default("ball", "roller", "box")
 @pytest.mark.parametrize("name", COLLIDERS)
 def test_statics_on_a_collider_are_those_of_discrete_shells(shell, model, truth, name):
     contacts = [ms.Contact(COLLIDERS[name])]
@@ -49,6 +50,7 @@ def test_statics_on_a_collider_are_those_of_discrete_shells(shell, model, truth,
     assert (state.contact_forces[~state.in_contact] == 0.0).all()
 
 
+@pytest.mark.slow
 def test_more_vertices_than_coordinates_may_touch():
     mesh = ms.sheet(length=0.6, width=0.15, cells=(24, 6))
     limp = ms.Shell(mesh, ms.Isotropic(young=5e7, poisson=0.3, thickness=1e-3, density=900.0), clamped="x < 0.001")
@@ -63,6 +65,7 @@ def test_more_vertices_than_coordinates_may_touch():
     )  # its vectors are those of long waves
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("count", "y", "z"), [(4, 0.01, -0.11), (6, 0.01, -0.11), (8, 0.1, -0.09)])
 def test_a_surface_that_turns_much_under_its_force_is_settled_on(count, y, z):
     """It takes more than the shell's stiffness from motions into it: the gaps forbid them, and Newton must know."""
@@ -78,6 +81,7 @@ def test_a_surface_that_turns_much_under_its_force_is_settled_on(count, y, z):
     np.testing.assert_allclose(again.positions, state.positions, rtol=0, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_an_answer_that_its_vectors_do_not_hold_says_so(model):
     mesh = ms.sheet(length=0.5, width=0.25, cells=(16, 8))
     limp = ms.Shell(mesh, ms.Isotropic(young=2e7, poisson=0.3, thickness=3e-4, density=500.0), clamped="x < 0.001")
@@ -95,6 +99,7 @@ def test_a_load_that_reaches_no_contact_gives_the_free_answer(model):
     np.testing.assert_allclose(state.positions, free.positions, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_loads_that_change_and_starts(shell, model, truth):
     given = {"loads": [ms.Pressure(-6.0)], "contacts": [FLOOR]}
     state, wanted = model.equilibrium(**given), truth.equilibrium(**given)
@@ -120,6 +125,7 @@ def test_motion_falls_on_the_table_and_rests_there(shell, model, truth, integrat
     assert run.contact_forces[-1].sum(axis=0) == pytest.approx(rest.contact_forces.sum(axis=0), rel=0.1, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_undamped_motion_on_a_ball_never_gains_energy(model):
     ball = ms.Contact(COLLIDERS["ball"])
     run = ms.simulate(model, duration=0.6, dt=1 / 60, gravity=GRAVITY, contacts=[ball])
@@ -183,6 +189,7 @@ def test_what_modal_derivatives_do_not_take_is_refused_by_name(model):
         ms.simulate(model, duration=0.1, contacts=[ms.Contact(ms.Plane((0, 0, 1), 0.1))], **GIVEN)
 
 
+@pytest.mark.slow
 def test_steps_that_two_stand_in_for_are_two_on_a_collider_that_moves(model):
     """Both met it where it is at the end of the step, which threw the shell off, and forces were the last one's."""
     lift = ms.SupportPath([0.0, 0.2, 0.4], [(0, 0, 0), (0, 0, 0.03), (0, 0, 0.02)])

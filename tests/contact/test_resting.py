@@ -38,7 +38,7 @@ def resting(one):
     return bool(np.isfinite(one.state.memory[REST]).all())
 
 
-@pytest.mark.by_default("reduced-contacts0")
+@pytest.mark.slow
 @pytest.mark.parametrize("contacts", [(TABLE,), BODIES])
 @pytest.mark.parametrize("name", ["lma", "mwts", "rsw", "reduced"])
 def test_frames_at_rest_are_whole_frames(monkeypatch, shell, models, name, contacts):
@@ -122,6 +122,7 @@ def test_a_motion_from_where_the_model_rests_stays_there(shell, models, name):
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("count", "far"), [(4, 1e-3), (6, 1e-6)])
 def test_a_reduced_model_begins_where_it_rests_though_its_vectors_hold_what_is_pressed_in(shell, count, far):
     """On a ball it began 4.6 mm off with the vectors of four modes, and 1.1e-5 m with those of six."""

@@ -136,6 +136,7 @@ def test_a_free_sheet_rests_on_a_floor_along_which_it_drifts():
     np.testing.assert_allclose(answer.contact_forces.sum(axis=0), [0, 0, 3.0 * shell.mass.sum()], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_friction_holds_a_sheet_on_a_slope():
     shell = two_sheets(5e-3, shift=0.013)
     slope = 0.2
@@ -244,6 +245,7 @@ def test_nothing_else_imports_the_library():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+@pytest.mark.slow
 def test_statics_without_a_potential_say_what_serves():
     mesh = ms.flat_beam(length=0.4, width=0.12, cells=(12, 4))
     shell = ms.Shell(mesh, ms.Isotropic(young=2e6, poisson=0.3, thickness=2e-3, density=300.0), "x < 0.001")

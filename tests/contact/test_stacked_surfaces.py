@@ -43,7 +43,7 @@ def test_ds_enters_neither_at_rest_nor_in_motion(name):
     assert deepest(PAIRS[name], run.positions) < 1e-12
 
 
-@pytest.mark.by_default("floor above-explicit")
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", ["explicit", "verlet"])
 @pytest.mark.parametrize("name", ["floor above", "floor below", "tangent ball"])
 def test_explicit_steps_put_out_what_is_in_both(name, integrator):

@@ -122,6 +122,7 @@ def test_missing_parts_and_compressed_archives_are_refused(tmp_path, run):
         ms.load_trajectory(tmp_path / "other.npz")
 
 
+@pytest.mark.by_default("float32")
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_vtkhdf_is_read_back(run, tmp_path, dtype):
     saved = replace(run, positions=run.positions.astype(dtype))
@@ -272,6 +273,7 @@ def page_of(file):
     return file.with_suffix(".html").read_text()
 
 
+@pytest.mark.slow
 def test_a_page_of_a_run_says_that_its_colliders_are_not_shown(run, tmp_path):
     forces = np.ones(run.positions.shape)
     touching = replace(run, contact_forces=forces, in_contact=forces[:, :, 0] > 0.0, deepest=np.zeros(len(run.times)))

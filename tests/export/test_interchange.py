@@ -119,6 +119,7 @@ def test_point_caches_hold_every_frame(run, tmp_path):
     np.testing.assert_array_equal(frames, run.positions.astype("f4"))
 
 
+@pytest.mark.by_default(".usda")
 @pytest.mark.parametrize("suffix", [".usdc", ".usda"])
 def test_usd_holds_every_frame_in_metres_with_z_up(run, tmp_path, suffix):
     usd = pytest.importorskip("pxr.Usd", reason="usd-core is not installed (pip install 'modalshell[interchange]')")
@@ -216,6 +217,7 @@ def test_gltf_of_a_basis_has_a_target_a_mode(tmp_path, capsys):
         assert np.linalg.norm(shown.reshape(-1, 3), axis=1).max() == pytest.approx(0.2 * basis.shell.size, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_export_writes_what_is_asked(run, tmp_path, capsys):
     saved = ms.save_trajectory(run, tmp_path / "run.npz")
     for kind, names in (

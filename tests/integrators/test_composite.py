@@ -58,6 +58,7 @@ def test_motions_of_second_degree_are_exact_in_steps_of_any_lengths(ratios):
     assert state.rates[0] == pytest.approx(2.0 * time - 3.0, rel=1e-9, abs=1e-9 * time)
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(st.integers(0, 2**32 - 1), st.floats(-2.0, 5.0))
 def test_steps_of_changing_lengths_do_not_feed_an_oscillation(seed, decades):

@@ -45,6 +45,7 @@ def test_ratios_that_no_factors_give_are_refused():
             Damping(ratios=wrong)
 
 
+@pytest.mark.slow
 def test_each_mode_decays_by_its_own_ratio():
     mesh = flat_beam(length=1.0, width=0.2, cells=(10, 2))
     shell = Shell(mesh, Isotropic(young=1e6, poisson=0.3, thickness=0.01, density=1000.0), mesh.vertices[:, 0] < 1e-9)

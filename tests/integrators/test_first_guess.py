@@ -29,6 +29,7 @@ def let_fall(shell: ms.Shell, rule: str, gamma: float, steps: int, dt: float) ->
     return run.positions(), work.solves / steps, work.factorisations / steps
 
 
+@pytest.mark.by_default("implicit_euler", "bdf2")
 @pytest.mark.parametrize("rule", ["implicit_euler", "bdf2", "composite"])
 def test_a_stiff_sheet_that_swings_is_solved_in_few_iterations(rule):
     solutions = 2 if rule == "composite" else 1

@@ -127,6 +127,7 @@ def test_a_wind_carries_a_free_sheet_along_to_the_order_of_the_rule(rule):
     assert np.log2(np.array(errors[:-1]) / errors[1:]) == pytest.approx(order, abs=0.25)
 
 
+@pytest.mark.by_default("explicit-1.0")
 @pytest.mark.parametrize(("rule", "order"), [("verlet", 2.0), ("explicit", 1.0)])
 def test_a_load_that_changes_in_time_moves_a_free_sheet_to_the_order_of_an_explicit_rule(rule, order):
     """Both half kicks of Verlet felt the load of the step's end: it was of order one."""

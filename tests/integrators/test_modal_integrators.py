@@ -104,6 +104,7 @@ def moved_support(time):
     return (0.0, 0.0, 0.05 * np.sin(7.0 * time) ** 2), (0.0, 0.5 * np.sin(5.0 * time) ** 2, 0.0)
 
 
+@pytest.mark.by_default("held-gust", "held-wind")
 @pytest.mark.parametrize(
     ("which", "what"),
     [("held", "gust"), ("held", "wind"), ("held", "supports"), ("free", "gust"), ("free", "wind")],
@@ -125,6 +126,7 @@ def test_the_midpoint_rule_is_of_order_two_under_forces_that_change(strips, whic
     assert errors[0] > 3.5 * errors[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rule", ["exponential", "implicit_midpoint"])
 def test_water_stops_a_flying_sheet_within_a_frame(strips, rule):
     """A drag that takes all speed within a step would throw a sheet back, were it kept over the step."""

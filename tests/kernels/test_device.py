@@ -59,6 +59,7 @@ def rounding(dtype, count, positions):
     return 0.5 * count * (count + 1) * np.finfo(dtype).eps * np.ptp(positions)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_a_device_takes_the_steps_of_the_springs_one_by_one(device, dtype):

@@ -1,6 +1,7 @@
 """Solves by columns of right sides that are local."""
 
 import numpy as np
+import pytest
 
 import modalshell as ms
 from modalshell.shell import EXACT
@@ -10,6 +11,7 @@ def sheet(cells):
     return ms.Shell(ms.sheet(cells=(cells, cells)), ms.Isotropic(1e9, 0.3, 1e-3, 1000.0), "x < 0.01")
 
 
+@pytest.mark.slow
 def test_columns_of_an_inverse_end_where_they_fall_below_rounding():
     """Each took the whole factor, so that the stiffness of 26,000 vertices took many minutes."""
     internal = sheet(64).pattern.internal

@@ -104,6 +104,7 @@ def test_a_matrix_that_is_not_square_is_refused(analysis):
         analysis(sps.csc_array(np.ones((6, 9))))
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(st.integers(1, 12), st.integers(0, 40), st.integers(0, 2**32 - 1))
 def test_symmetry_of_a_pattern_is_found(size, edges, seed):
@@ -158,6 +159,7 @@ def test_one_factor_has_one_order():
     )
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(st.integers(2, 40), st.integers(1, 120), st.integers(0, 2**32 - 1))
 def test_separators_are_as_small_as_the_flow_between_the_sides(size, edges, seed):

@@ -100,6 +100,7 @@ def test_a_smoothly_sampled_load_starts_as_its_line_does(mesh):
     assert np.abs(fine.positions - line.positions).max() < 1e-8 * np.abs(moved).max()
 
 
+@pytest.mark.slow
 def test_a_rise_that_begins_with_a_step_and_ends_within_one_leaves_the_error_that_is_stated(mesh):
     """Its impulse was off by a sixth of its rise in a step, and the motion by five times as much as now."""
     model = ms.LinearModal(ms.solve_modes(shell(mesh, clamped=True), count=6))
@@ -181,6 +182,7 @@ def test_a_free_shell_is_where_its_table_takes_it(mesh, kind, name):
     assert run_of_table(mesh, kind, name)[1] < 1e-9
 
 
+@pytest.mark.by_default("bend-bdf2", "jump-bdf2", "jump at an end-bdf2")
 @pytest.mark.parametrize("kind", ["bdf2", "composite"])
 @pytest.mark.parametrize("name", ["bend", "jump", "jump at an end"])
 def test_implicit_steps_of_a_free_shell_know_their_error_under_a_table(mesh, kind, name):
@@ -189,7 +191,7 @@ def test_implicit_steps_of_a_free_shell_know_their_error_under_a_table(mesh, kin
     assert 0.2 * run.step_error < error / mesh.moment_length < 2.1 * run.step_error
 
 
-@pytest.mark.by_default("times0")
+@pytest.mark.slow
 @pytest.mark.parametrize("times", [[0.0, 0.1, 0.1001], [0.0, 0.1, 0.1 + 1e-9], [0.0, 0.09, 0.0905]])
 def test_a_load_that_stops_within_a_step_or_at_its_end_keeps_second_order_and_the_error_says_so(mesh, times):
     model, loads = ms.ModalWarping(ms.solve_modes(shell(mesh, clamped=True), count=6)), pushed(times, [1, 1, 0])
@@ -225,6 +227,7 @@ def test_implicit_steps_feel_a_push_within_them_and_know_their_error(mesh, integ
     assert error < 0.12 * np.abs(true.positions - mesh.vertices).max()
 
 
+@pytest.mark.by_default("bdf2", "implicit", "linear_implicit")
 @pytest.mark.parametrize("integrator", ["bdf2", "composite", "implicit", "linear_implicit"])
 def test_implicit_steps_of_a_free_shell_give_it_the_impulse_of_a_push(mesh, integrator):
     # After the first steps, in which rules of several steps keep an impulse to their order alone.

@@ -301,6 +301,7 @@ def test_a_clamped_disc_bulges_as_hencky_says():
     np.testing.assert_allclose(total, [0.0, 0.0, -area], atol=1e-8 * area)
 
 
+@pytest.mark.slow
 def test_a_chain_hangs_as_a_catenary():
     mesh = ms.flat_beam(length=1.0, width=0.05, cells=(40, 2))
     x = mesh.vertices[:, 0]
@@ -373,6 +374,7 @@ def test_free_rigid_plates_drift_with_the_wind():
     np.testing.assert_allclose(speed, [0.0, 0.0, 2.0], atol=0.05)
 
 
+@pytest.mark.slow
 def test_spring_sheets_take_loads_that_follow():
     sheet = ms.SpringSheet(held(ms.v_beam(cells=(8, 4)), 0.2))
     state = sheet.equilibrium(loads=[ms.Pressure(0.01)])
@@ -423,7 +425,7 @@ def test_bad_loads_are_refused(mesh, make, error, message):
         make(mesh)
 
 
-@pytest.mark.by_default("union-jack")
+@pytest.mark.slow
 @pytest.mark.parametrize("family", ["union-jack", "equilateral", "delaunay"])
 def test_moments_on_all_edges_of_a_plate_are_met_to_first_order(family):
     """A free plate bends alike both ways, by m / (D (1 + nu)); the moment works half a cell within."""

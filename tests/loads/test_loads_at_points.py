@@ -41,7 +41,7 @@ SPREAD = {
 }
 
 
-@pytest.mark.by_default("LMA-wind", "MWTS-twist", "reduced RSW-follower force")
+@pytest.mark.by_default("MWTS-twist", "reduced RSW-follower force")
 @pytest.mark.parametrize("name", SPREAD)
 @pytest.mark.parametrize("rung", ["LMA", "MWTS", "consistent MWTS", "RSW", "reduced RSW"])
 def test_patches_stand_for_all_triangles_of_a_fine_mesh(rung, name, fine):
@@ -72,6 +72,7 @@ def test_inertia_of_a_frame_acts_on_every_vertex_of_a_coarse_mesh(rung):
     np.testing.assert_allclose(found, model.modal_force(q, loading.live_force(x, x - before)), rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_loads_cost_rsw_two_further_solves(fine, monkeypatch):
     """A frame of it solves once for its positions, and for loads at where it is expected, and shortly before that."""
     model, solved = fine["RSW"], []

@@ -112,6 +112,7 @@ def test_arrays_are_read_only_copies():
         mesh.vertices = vertices
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(st.randoms(use_true_random=False), st.sampled_from(FAMILIES))
 def test_face_order_does_not_matter(random, family):
@@ -126,6 +127,7 @@ def test_face_order_does_not_matter(random, family):
     np.testing.assert_array_equal(other.boundary_vertices, mesh.boundary_vertices)
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(st.sets(st.integers(0, 39), min_size=1, max_size=19))
 def test_flipped_faces_are_mended(flips):

@@ -29,7 +29,7 @@ def meshlab():
     pytest.importorskip("pymeshlab", reason="pymeshlab is not installed (pip install 'modalshell[remesh]')")
 
 
-@pytest.mark.by_default("300")
+@pytest.mark.slow
 @pytest.mark.usefixtures("meshlab")
 @pytest.mark.parametrize("asked", [300, 4000])
 def test_a_folded_strip_keeps_its_boundary_and_its_ridge(asked):
@@ -63,7 +63,7 @@ def test_a_count_out_of_reach_is_told():
         ms.remesh(ms.sheet(cells=(4, 4)), 2**31 - 1)
 
 
-@pytest.mark.by_default("1200")
+@pytest.mark.slow
 @pytest.mark.usefixtures("meshlab")
 @pytest.mark.parametrize("asked", [1200, 5000])
 def test_where_the_count_leaps_what_lies_between_is_tried(asked):

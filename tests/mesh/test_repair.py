@@ -248,6 +248,7 @@ def check_damaged(kinds, seed):
     assert second.flat_faces == second.repeated_faces == second.collapsed_faces == second.invalid_faces == 0
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(damages, st.integers(0, 1000))
 def test_damages_together_are_mended(kinds, seed):
@@ -356,6 +357,7 @@ def test_polygons_are_split_without_folding_over():
     assert mesh.area == pytest.approx(5.0)
 
 
+@pytest.mark.slow
 @given(st.integers(3, 12), st.integers(0, 1000), st.permutations([0, 1, 2]))
 @settings(max_examples=60, deadline=None)
 def test_star_shaped_polygons_keep_their_area(count, seed, axes):

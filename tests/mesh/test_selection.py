@@ -53,6 +53,7 @@ def test_refuses_what_is_no_comparison_of_coordinates(text):
         select_vertices(text, POINTS)
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(st.text(alphabet="xyz<>=+-*/()0123456789. andort_abs[]'", max_size=40))
 def test_any_text_selects_or_is_refused(text):

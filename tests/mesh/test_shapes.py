@@ -63,6 +63,7 @@ def test_equilateral_columns():
     assert np.isclose(quality(mesh), 1.0).sum() == len(mesh.faces) - 12  # all but the half triangles on the sides
 
 
+@pytest.mark.slow
 def test_lloyd_is_isotropic_and_repeatable():
     mesh = sheet(cells=(20, 17), family="lloyd")
     assert quality(mesh).min() > 0.7
@@ -72,6 +73,7 @@ def test_lloyd_is_isotropic_and_repeatable():
     np.testing.assert_allclose(side, np.linspace(0, 1, 21))
 
 
+@pytest.mark.slow
 def test_delaunay_is_unstructured_and_repeatable():
     mesh = sheet(cells=(24, 24), family="delaunay")
     assert quality(mesh).min() > 0.6
@@ -162,6 +164,7 @@ def test_leaf(family):
     np.testing.assert_allclose(curled.edge_lengths.min(), mesh.edge_lengths.min(), rtol=0.2)
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(
     length=st.floats(0.1, 10),

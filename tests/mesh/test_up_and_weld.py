@@ -82,6 +82,7 @@ def test_coordinates_of_a_unit_become_metres(panel, tmp_path):
         ms.load_mesh(tmp_path / "y.usda", unit="mm")
 
 
+@pytest.mark.slow
 def test_commands_take_a_unit_and_say_what_they_assume(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
     plate = ms.flat_beam(length=200.0, width=100.0, cells=(6, 4))

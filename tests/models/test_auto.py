@@ -83,6 +83,7 @@ def test_it_holds_the_error_through_a_snap_where_its_cheapest_rung_is_lost(beam,
     assert abs(run.damping_error) < 0.02
 
 
+@pytest.mark.slow
 def test_where_the_cheapest_rung_serves_nothing_else_is_taken(beam):
     run = through_snap(ms.Auto(beam, 6, check_every=15), most=15.0)
     assert set(run.levels) == {"MWTS"}
@@ -111,6 +112,7 @@ def test_a_coarse_shell_makes_a_level_between_that_is_left_before_it_snaps(beam,
     assert worst(beam, run, snapping) < 0.02
 
 
+@pytest.mark.slow
 def test_a_shell_that_falls_at_once_is_checked_as_it_moves():
     """Every 40 steps would be too late: what grows by half is checked at once."""
     mesh = ms.leaf(cells=(16, 6))
@@ -213,6 +215,7 @@ def test_a_load_that_the_modes_do_not_answer_starts_on_ds(panel):
     assert "to DS at 0 s (the modes lack 9" in run.message
 
 
+@pytest.mark.slow
 def test_a_load_is_compared_as_it_changes(beam):
     """A weight that the modes answer, then a force at one corner that they do not."""
     pinch = [ms.Scaled(ms.PointForce("nearest(0.5, 0.1, 0)", (0.0, 0.0, -1.0)), ([0.0, 0.3, 0.32, 1.0], [0, 0, 6, 6]))]
@@ -227,6 +230,7 @@ def test_a_load_is_compared_as_it_changes(beam):
     assert worst(beam, *runs) < 0.01  # with steps as long as frames DS itself is 0.21 off in its snap
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["buckles", "stiffens"])
 def test_a_sudden_load_whose_static_answer_is_lost_starts_on_ds(kind):
     """Within few steps modal rungs would be wrong, sooner than a check of the motion comes."""
@@ -348,6 +352,7 @@ def test_linear_answers_lack_what_no_mode_moves(beam):
     assert answers.following((own + other).reshape(-1, 3), memory)[1] == pytest.approx(3.0, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_statics_is_corrected_where_the_bar_is_small_and_ds_elsewhere(beam):
     auto, truth = ms.Auto(beam, 6), ms.DiscreteShell(beam)
     for gravity, told in ((10.0, "MWTS, corrected: it was 0."), (37.0, "DS, as MWTS was void"), (60.0, "DS, as MWTS")):
@@ -358,6 +363,7 @@ def test_statics_is_corrected_where_the_bar_is_small_and_ds_elsewhere(beam):
         assert ms.measure.displacement_error(answer.positions, exact.positions, beam) < 1e-3
 
 
+@pytest.mark.slow
 def test_shells_far_from_the_origin_move_alike(beam):
     far = np.array([4096.0, 0.0, -2048.0])
     moved = ms.TriangleMesh(beam.mesh.vertices + far, beam.mesh.faces)
@@ -372,6 +378,7 @@ def test_shells_far_from_the_origin_move_alike(beam):
     assert runs[1].energies == pytest.approx(runs[0].energies, abs=1e-3 * np.abs(runs[0].energies).max())
 
 
+@pytest.mark.slow
 def test_a_scene_that_was_stopped_resumes_to_the_same_bits(tmp_path):
     scene = tmp_path / "scene.toml"
     scene.write_text(SCENE)
@@ -397,7 +404,7 @@ def test_the_damping_of_its_steps_is_the_mean_of_its_levels(beam):
     assert runs[0].damping_error == pytest.approx(runs[1].damping_error, rel=1e-6)
 
 
-@pytest.mark.by_default("False")
+@pytest.mark.slow
 @pytest.mark.parametrize("sheet", [False, True])
 def test_compiled_steps_of_its_last_level_are_those_of_ds(sheet):
     """Through a snap; under loads that follow the shell it is DS itself."""

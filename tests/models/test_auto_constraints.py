@@ -27,7 +27,7 @@ def lifted(strip, path=None, height=0.03):
     return [ms.PositionConstraint(tip, target)]
 
 
-@pytest.mark.by_default("contact")
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["resting", "moving", "contact", "free"])
 def test_it_moves_as_ds_does_and_resumes_to_the_same_bits(strip, kind):
     """Of a free sheet with contacts these were refused."""

@@ -81,6 +81,7 @@ def fine_checks(monkeypatch, shell, model, setting):
     return run, count[0]
 
 
+@pytest.mark.by_default("0.5-3")
 @pytest.mark.parametrize(("size", "factors"), [(0.02, 2), (0.5, 3)])
 def test_a_margin_is_found_by_the_second_factor_where_that_step_is_short(fine, size, factors):
     basis = ms.solve_modes(fine, 8)
@@ -175,6 +176,7 @@ def test_a_coarse_shell_that_does_not_agree_is_not_believed(monkeypatch):
     assert np.array_equal(run.positions, alone.positions)
 
 
+@pytest.mark.slow
 def test_trust_ends_where_states_grow_or_fine_checks_differ(fine, coarse):
     basis = ms.solve_modes(fine, 8)
     check = SampledCheck(coarse, linear_gaps(coarse, basis), None)
@@ -214,6 +216,7 @@ def test_a_motion_checked_on_a_coarse_shell_resumes_to_the_same_bits(fine, coars
     assert all(np.array_equal(found[name], part) for name, part in whole.snapshot().items())
 
 
+@pytest.mark.slow
 def test_a_coarse_shell_that_misses_the_lowest_mode_is_no_level():
     mesh = ms.leaf(cells=(16, 6))
     leaf = ms.Shell(mesh, SHEET, mesh.vertices[:, 0] < mesh.vertices[:, 0].min() + 0.07)

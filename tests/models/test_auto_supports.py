@@ -37,7 +37,7 @@ def worst(shell, path, run, exact):
     return off.max() / moved.max()
 
 
-@pytest.mark.by_default("moved")
+@pytest.mark.slow
 @pytest.mark.parametrize("turned", [None, TURNED], ids=["moved", "turned"])
 def test_it_follows_ds_wherever_the_scene_stands(strip, turned):
     setting = {"duration": 1.2, "dt": DT, "gravity": (0.0, 0.0, -3.0), "damping": (1.0, 0.001)}
@@ -71,6 +71,7 @@ def test_it_is_checked_as_seldom_as_under_the_weight_that_is_felt_there(strip, m
     assert max(counts) <= 10  # in some 470 steps; the largest weight is known beforehand
 
 
+@pytest.mark.slow
 def test_a_motion_on_moving_supports_resumes_to_the_same_bits(strip):
     path = ms.SupportPath(TIMES, MOVED, TURNED)
     whole, resumed = (

@@ -176,6 +176,7 @@ def test_changes_of_energy_are_said_without_powers_of_ten(gained, said):
     assert f"; its energy changed by {said})" in note
 
 
+@pytest.mark.slow
 def test_states_on_the_way_to_rest_and_those_with_much_room_are_checked_seldom(monkeypatch):
     """A bar at rest under a load that stays vouches for what is no larger, though it has little room."""
     sheet = ms.Isotropic(young=2e9, poisson=0.3, thickness=2e-3, density=1000.0)

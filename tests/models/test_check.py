@@ -49,6 +49,7 @@ def test_a_reduced_model_passes(basis):
     check_model(MODELS["reduced-rsw"].builder(basis, np.array([0.5 * load, load]), rank=8), turn=0.05)
 
 
+@pytest.mark.by_default("True")
 @pytest.mark.parametrize("held", [True, False])
 def test_one_hook_is_enough(held):
     check_model(Bounded(ms.solve_modes(strip(held=held), count=4 if held else 9), limit=0.2))

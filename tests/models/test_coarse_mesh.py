@@ -36,6 +36,7 @@ def test_without_meshlab_it_says_how_to_get_it(leaf, monkeypatch):
         ms.coarse_shell(leaf, 200)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("meshlab")
 def test_a_leaf_of_a_file_is_followed_on_half_of_its_triangles(leaf):
     coarse = ms.CoarseDiscreteShell(leaf, ms.coarse_shell(leaf, 300))
@@ -47,6 +48,7 @@ def test_a_leaf_of_a_file_is_followed_on_half_of_its_triangles(leaf):
     assert ms.measure.displacement_error(answer.positions, truth.positions, leaf) < 0.03
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("meshlab")
 def test_the_clamp_ends_where_that_of_the_shell_does():
     mesh = ms.v_beam(cells=(40, 8))
@@ -64,6 +66,7 @@ def test_the_clamp_ends_where_that_of_the_shell_does():
     assert coarse.mass.sum() == pytest.approx(shell.mass.sum(), rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("meshlab")
 def test_hinged_supports_and_single_points_keep_their_vertices():
     mesh = ms.sheet(length=1.0, width=0.7, cells=(20, 14))
@@ -150,6 +153,7 @@ def test_a_hybrid_is_trained_on_a_remeshed_shell(leaf):
     assert ms.measure.displacement_error(answer.positions, own.positions, leaf) < 0.03
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("meshlab")
 def test_a_membrane_that_hardly_matters_is_not_scaled_far():
     """Between its straight edges a panel bends in its lowest mode; another membrane would not hold its load as well."""
@@ -187,6 +191,7 @@ def test_a_mesh_without_a_row_where_the_clamp_ends_is_said_to_be_longer():
     assert ms.coarse_shell(shell, ms.TriangleMesh(moved, mesh.faces)).clamped.sum() == 2 * len(np.unique(moved[:, 1]))
 
 
+@pytest.mark.by_default("5-2")
 @pytest.mark.parametrize(("fine", "cells"), [(5, 2), (7, 3)])
 def test_a_coarse_vertex_as_near_to_held_as_to_free_ones_is_held_whichever_way_the_mesh_is_turned(fine, cells):
     kept = []

@@ -70,6 +70,7 @@ def test_sheets_close_together_keep_each_to_its_own_coarse_one():
     assert moved[inner].max() < 1e-9 < 1e-3 < moved[~inner].max()
 
 
+@pytest.mark.by_default("0.02-False", "0.004-True")
 @pytest.mark.parametrize(("pitch", "torn"), [(0.02, False), (0.006, False), (0.004, True)])
 def test_the_turns_of_a_roll_do_not_hold_one_another(pitch, torn):
     """Or it is said that they do: the chords of the coarse mesh are 2.4 mm deep."""
@@ -125,7 +126,7 @@ def test_a_frame_of_three_wings_on_fewer_triangles():
     assert in_motion(shell, model, duration=0.3, dt=1 / 60, **load) < 0.05
 
 
-@pytest.mark.by_default("750-False")
+@pytest.mark.slow
 @pytest.mark.usefixtures("meshlab")
 @pytest.mark.parametrize(("triangles", "narrow"), [(420, True), (750, False)])
 def test_walls_of_one_cell_are_said(triangles, narrow):
@@ -185,7 +186,7 @@ def test_smooth_fields_are_averaged_and_keep_no_edges():
         ms.coarse_shell(shell, ms.TriangleMesh(under.vertices, under.faces[:, ::-1]))
 
 
-@pytest.mark.by_default("curvature")
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["temperature", "curvature", "bent"])
 def test_a_rest_shape_goes_to_the_coarse_shell(kind):
     mesh, under = (ms.flat_beam(length=0.2, width=0.02, cells=cells) for cells in ((24, 4), (12, 2)))

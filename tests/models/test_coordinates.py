@@ -9,6 +9,7 @@ import modalshell as ms
 MODAL = ["mwts, free", *(key for key, spec in ms.models().items() if spec.on_modes)]
 
 
+@pytest.mark.slow
 def test_all_that_take_coordinates_are_tried():
     assert [name for name, model in world()["models"].items() if hasattr(model, "displacement")] == MODAL
 

@@ -247,7 +247,7 @@ def test_a_low_column_stands(gamma):
     assert lowest_tangent_eigenvalue(shell, answer.positions) > 0
 
 
-@pytest.mark.by_default("8.3")
+@pytest.mark.slow
 @pytest.mark.parametrize("gamma", [8.3, 12.0])
 def test_a_high_column_buckles(gamma):
     shell, unit, free, tip = strip(0.2, (20, 4), 1e-2, "equilateral")
@@ -257,7 +257,7 @@ def test_a_high_column_buckles(gamma):
     assert lowest_tangent_eigenvalue(shell, answer.positions) > 0
 
 
-@pytest.mark.by_default("1.1", "8.0")
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.9, 1.1, 2.0, 8.0, 30.0])
 def test_converged_never_means_a_saddle(share):
     """A strut under an end load, in multiples of Euler's: straight is an equilibrium always, a minimum below one."""

@@ -174,6 +174,7 @@ def test_a_thrown_shell_keeps_its_momentum(integrator):
         assert np.linalg.norm(momenta(state)[1] - angular) < 0.1 * np.linalg.norm(angular)
 
 
+@pytest.mark.slow
 def test_damped_motion_comes_to_rest_in_the_static_answer():
     shell = small_shell()
     static = DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -2.0))
@@ -183,6 +184,7 @@ def test_damped_motion_comes_to_rest_in_the_static_answer():
     assert np.abs(static.positions - shell.rest_positions).max() > 0.1
 
 
+@pytest.mark.slow
 def test_stiffness_damping_leaves_rigid_motion_alone():
     """zeta K acts on strain rates only: a falling, spinning shell is slowed by xi M and not by it."""
     shell = held(sheet(cells=(3, 3)))

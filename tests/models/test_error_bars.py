@@ -46,6 +46,7 @@ def test_the_bar_is_the_true_error(kind, gravity, model):
     assert "% from DS" in repr(answer.bar)
 
 
+@pytest.mark.by_default("point-0.1", "patch-0.03", "patch-0.1")
 @pytest.mark.parametrize("height", [0.03, 0.1])
 @pytest.mark.parametrize("apart", [False, True], ids=["point", "patch"])
 def test_under_constraints_the_bar_is_the_true_error(height, apart):
@@ -100,6 +101,7 @@ def test_a_snap_is_foretold_and_past_it_the_bar_is_void():
     assert "void: " in str(past)
 
 
+@pytest.mark.by_default("20.0")
 @pytest.mark.parametrize("gravity", [12.0, 20.0, 60.0])
 def test_a_walk_along_the_branch_finds_where_it_ends(gravity):
     """From a quarter of the snap's load, from half of it, and from rest where the answer is past it."""
@@ -140,6 +142,7 @@ def test_a_walk_says_where_no_end_is_near():
     assert "; no end of its branch is near" in str(bar)
 
 
+@pytest.mark.slow
 def test_a_wrong_branch_that_two_steps_do_not_leave_is_void():
     """Of a panel that sinks in: to Newton's steps an unstable answer in balance looks exact."""
     mesh = ms.cylinder_panel(radius=1.0, angle=40.0, length=0.5, cells=(6, 8))

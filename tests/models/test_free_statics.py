@@ -55,6 +55,7 @@ def test_a_load_that_pushes_has_no_equilibrium(free):
     assert ms.DiscreteShell(rail).equilibrium(gravity=(0.0, 0.0, 1.0)).converged  # the supports bear this one
 
 
+@pytest.mark.slow
 def test_a_load_in_balance_bends_as_modes_do(free):
     modes = ms.LinearModal(ms.solve_modes(free, 26)).equilibrium(force=bending())
     for model in full_models(free):

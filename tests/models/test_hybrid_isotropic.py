@@ -85,7 +85,7 @@ def test_it_has_the_stiffness_of_the_shell_at_rest(make):
     assert np.linalg.norm(hessian - exact) < 0.03 * np.linalg.norm(exact)
 
 
-@pytest.mark.by_default("gravity1")
+@pytest.mark.slow
 @pytest.mark.parametrize("gravity", [(0, 0, -70), (0, 30, -60), (0, 20, 40)])
 def test_bending_by_coupled_vectors_is_near_that_by_angles(gravity):
     # Thin, as strains in the plane enter the vectors too: those of the thicker one by a tenth of the bending.
@@ -211,7 +211,7 @@ def hinged(cells=(8, 2)):
     return ms.Shell(mesh, ms.Material(2000.0, 2000.0, 0.05, 0.2), mesh.vertices[:, 0] < 0.2)
 
 
-@pytest.mark.by_default("<lambda>-gravity0")
+@pytest.mark.slow
 @pytest.mark.parametrize(("make", "gravity"), [(lambda: folded((8, 2)), (0, 0, -70)), (hinged, (0, 0, -70))])
 def test_a_step_in_one_call_has_the_bits_of_the_rule_in_parts(make, gravity):
     """Through the snap, under a load that changes; every state of the one is stepped by the other too."""
@@ -244,6 +244,7 @@ def test_a_step_in_one_call_has_the_bits_of_the_rule_in_parts(make, gravity):
     np.testing.assert_array_equal(run[0].positions, run[1].positions)
 
 
+@pytest.mark.slow
 def test_a_step_does_not_depend_on_what_the_last_one_kept():
     """Stresses at the end of a step are those that the next one would find; NaN stands for nothing kept."""
     model = small_hybrid(lambda: folded((8, 2)), (0, 0, -70))
@@ -258,6 +259,7 @@ def test_a_step_does_not_depend_on_what_the_last_one_kept():
     np.testing.assert_array_equal(after.coordinates, again.coordinates)
 
 
+@pytest.mark.slow
 def test_threads_keep_their_own():
     model, kept = small_hybrid(lambda: folded((8, 2)), (0, 0, -70)), []
     for _ in range(2):
@@ -267,7 +269,7 @@ def test_threads_keep_their_own():
     assert not np.shares_memory(*kept)
 
 
-@pytest.mark.by_default("errors2-44")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("errors", "size"), [((0.03, 0.01), 44), ((0.05, 0.03), 64), ((0.05, 0.045), 44), ((0.05, 0.06), 44)]
 )
@@ -283,6 +285,7 @@ def test_a_basis_is_made_larger_where_that_serves(errors, size, monkeypatch):
     assert motions[-1] == (14, 14)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("smaller", "size"), [(0.012, 32), (0.05, 64)])
 def test_motions_that_every_basis_snaps_otherwise_do_not_choose_a_small_one(smaller, size, monkeypatch):
     """Two of ten make the 90th percentile of all sizes."""

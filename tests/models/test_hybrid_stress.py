@@ -44,7 +44,7 @@ def terms(reduced, z):
     return value, gradient, strains[:modes]
 
 
-@pytest.mark.by_default("damping1")
+@pytest.mark.slow
 @pytest.mark.parametrize("damping", [(2.0, 0.0), (0.5, 0.001), (0.0, 0.005)])
 def test_it_follows_the_shell_through_its_snap_and_back(shell, hybrid, damping):
     truth = ms.DiscreteShell(shell, step_tolerance=1e-3, integrator=hybrid.integrator)

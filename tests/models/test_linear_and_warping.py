@@ -293,7 +293,7 @@ def test_a_step_is_implicit_euler_mode_by_mode(v_basis, model, damping):
     np.testing.assert_allclose(state.coordinates, expected_q, rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.by_default("damping0")
+@pytest.mark.slow
 @pytest.mark.parametrize("damping", [Damping(0.5, 0.0), Damping(0.0, 2e-3), Damping(0.3, 1e-3)])
 def test_rayleigh_damping_decays_every_mode_at_its_rate(v_basis, damping):
     """q'' + (xi + zeta lambda) q' + lambda q = 0: exactly by a few steps, by implicit Euler as these get small."""
@@ -320,6 +320,7 @@ def test_rayleigh_damping_decays_every_mode_at_its_rate(v_basis, damping):
     np.testing.assert_allclose((4.0 * fine - coarse) / 3.0, exact, rtol=0, atol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", MODELS)
 def test_damped_motion_comes_to_rest_in_the_static_answer(v_basis, model):
     rung = model(v_basis)

@@ -147,7 +147,7 @@ def test_dependent_vectors_are_dropped():
 # ---- reduced energy
 
 
-@pytest.mark.by_default("discrete shell-cubature")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("sparse", "which"),
     [("discrete shell", "cubature"), ("discrete shell", "full"), ("shell theory", "cubature")],
@@ -299,6 +299,7 @@ def test_an_answer_is_a_minimum_of_the_potential(flat):
     assert np.linalg.eigvalsh(hessian)[0] > 0.0
 
 
+@pytest.mark.slow
 def test_a_compressed_strip_leaves_its_flat_saddle(flat):
     """Past buckling (Gamma of about 8) the flat state is an equilibrium but no minimum."""
     model, unit = flat
@@ -374,7 +375,7 @@ def test_free_motion_keeps_its_energy_at_small_steps(curved):
     assert losses[1] < 0.35 * losses[0]
 
 
-@pytest.mark.by_default("discrete shell")
+@pytest.mark.slow
 def test_moving_supports_are_felt_as_inertial_loads(curved):
     """Against DS, whose clamped vertices are carried along: MD-ROM lives in their frame."""
     path = ms.SupportPath.from_function(
@@ -392,7 +393,7 @@ def test_moving_supports_are_felt_as_inertial_loads(curved):
 # ---- cubature
 
 
-@pytest.mark.by_default("discrete shell")
+@pytest.mark.slow
 def test_cubature_is_positive_and_sparse(sparse):
     model = sparse[0]
     found = model.cubature
@@ -402,6 +403,7 @@ def test_cubature_is_positive_and_sparse(sparse):
     assert found.seconds > 0.0
 
 
+@pytest.mark.by_default("discrete shell")
 def test_cubature_keeps_held_out_answers(sparse):
     found = sparse[0].cubature
     assert found.training_errors.max() <= 0.005
@@ -429,6 +431,7 @@ def test_cubature_steps_like_the_whole(sparse):
     assert ms.measure.displacement_error(a.positions[-1], b.positions[-1], few.shell) < 0.02
 
 
+@pytest.mark.by_default("discrete shell")
 def test_cubature_of_a_given_size_on_given_loads(sparse):
     shell, unit = sparse[1].shell, sparse[2]
     loads = [shell.gravity_force((0.0, 0.1 * g * unit, -g * unit)) for g in (1.0, 2.0, 4.0, 3.0)]
@@ -478,7 +481,7 @@ def test_derivatives_take_any_factorisation(curved):
     )
 
 
-@pytest.mark.by_default("bdf2")
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", ["bdf2", "composite"])
 def test_motions_as_small_as_rounding_are_damped_as_asked(integrator):
     """The membrane's forces by the rounding of positions are beyond a share of the motion's own."""

@@ -143,6 +143,7 @@ def test_motions_of_other_shells_are_too(name):
     assert through(SHELLS[name](), "bdf2", (2.0, 0.002)) < 1e-8  # steps are solved to 1e-10 of their push
 
 
+@pytest.mark.slow
 def test_far_from_the_origin_the_clamps_come_along():
     # Pushed to one side: straight down the beam bends to either, as rounding has it.
     far, runs = np.array([2.0**20, -(2.0**21), 2.0**19]), []
@@ -156,6 +157,7 @@ def test_far_from_the_origin_the_clamps_come_along():
     np.testing.assert_allclose(runs[1], runs[0], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_moving_supports_live_loads_and_drag_act_as_in_sparse_steps():
     """In the frame of the supports, with pressure that follows and air."""
     shell = beam(ISOTROPIC)
@@ -174,6 +176,7 @@ def test_moving_supports_live_loads_and_drag_act_as_in_sparse_steps():
     np.testing.assert_allclose(runs[0].positions, runs[1].positions, atol=1e-8 * size)
 
 
+@pytest.mark.slow
 def test_a_shell_that_is_too_large_is_seen_by_its_edges_alone(monkeypatch):
     """Shares of folds are numbered for nothing there; what edges leave open is decided by the whole profile."""
     numbered = []

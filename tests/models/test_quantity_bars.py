@@ -127,6 +127,7 @@ def test_the_frequency_of_md_rom_holds_the_stiffness_of_loads_that_follow():
     assert abs(found / without - 1.0) > 1e-3  # which was told
 
 
+@pytest.mark.slow
 def test_the_frequency_of_coarse_ds_holds_the_stiffness_of_loads_that_follow():
     mesh, fewer = (ms.cylinder_panel(length=1.0, radius=0.6, angle=90.0, cells=(n, n)) for n in (8, 4))
     panel = ms.Shell(mesh, ms.Isotropic(1e8, 0.3, 9e-3, 1000.0), "x < 1e-6 or x > 1 - 1e-6")
@@ -155,6 +156,7 @@ def test_past_a_snap_they_are_void(shell):
     assert str(bar).endswith("m, void")
 
 
+@pytest.mark.slow
 def test_reactions_that_are_nothing_and_answers_far_off_are_void():
     mesh, sheet = ms.flat_beam(length=1.0, width=0.2, cells=(20, 4)), ms.Isotropic(1e8, 0.3, 1e-3, 200.0)
     cantilever = ms.Shell(mesh, sheet, "x < 0.001")

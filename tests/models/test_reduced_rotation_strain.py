@@ -32,6 +32,7 @@ def map_error(reduced, full, q):
     return measure.displacement_error(rest + reduced.displacement(q), rest + full.displacement(q), full.shell)
 
 
+@pytest.mark.slow
 def test_held_out_loads_and_motions_are_within_one_percent(models):
     """Trained on 40 gravities up to 12 m/s^2 (tips down to -0.5 L) and mixtures of their answers; tested on others."""
     full, reduced = models
@@ -96,6 +97,7 @@ def test_motion_follows_the_full_model(models):
     assert largest < 0.01
 
 
+@pytest.mark.slow
 def test_training_repeats(models):
     full, reduced = models
     again = ReducedRotationStrain.trained(full, loads(40, 12.0, seed=0))

@@ -71,6 +71,7 @@ def test_spin_about_a_principal_axis_is_steady(free):
     np.testing.assert_allclose(state.rates[3:], 2.0 * axes[:, 2], rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_tumbling_meets_eulers_equations_at_second_order(free):
     body = inertia(free.shell)
     spin = np.array([0.5, 3.0, 2.0])

@@ -305,6 +305,7 @@ def unit_gravity(shell):
 # ---- motion
 
 
+@pytest.mark.slow
 def test_damped_motion_comes_to_rest_in_the_static_answer(v_model):
     load = v_model.shell.gravity_force((0.0, 0.0, -8.0))
     state = v_model.start_motion()
@@ -314,6 +315,7 @@ def test_damped_motion_comes_to_rest_in_the_static_answer(v_model):
     np.testing.assert_allclose(v_model.positions(state), static.positions, rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_energy_of_a_swing_is_kept_to_first_order_in_the_step(v_basis):
     """Kinetic + q.Lambda q/2 - f.u: the force has a potential, so small steps keep the sum."""
     basis = solve_modes(v_basis.shell, 2)

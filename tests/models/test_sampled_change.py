@@ -53,6 +53,7 @@ def test_a_sample_tells_most_of_the_change_and_what_it_misses_vanishes_with_it(e
         assert not change_of(q, q, whole).any()
 
 
+@pytest.mark.by_default("RotationStrain")
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_load_that_few_feel_and_a_small_shell_have_no_sample(kind):
     model = kind(basis_of("plate"))

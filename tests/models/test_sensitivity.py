@@ -35,7 +35,7 @@ def states():
     return {material: model(material).equilibrium(gravity=GRAVITY) for material in (PLAIN, SHEET)}
 
 
-@pytest.mark.by_default("material2-flexure")
+@pytest.mark.slow
 @pytest.mark.parametrize(("material", "name"), CASES)
 def test_the_derivative_has_taylor_slope_two(states, material, name):
     state = states[material]
@@ -138,6 +138,7 @@ def test_the_derivative_by_rest_angles_has_taylor_slope_two(states, material):
     assert (np.abs(orders_of(errors) - 2.0) < 0.25).all(), errors
 
 
+@pytest.mark.by_default("material0")
 @pytest.mark.parametrize("material", [PLAIN, SHEET])
 def test_the_derivative_by_supports_has_taylor_slope_two(material):
     """One of two clamps is moved; ghosts that clamp an edge move with its ends."""

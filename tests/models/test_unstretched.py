@@ -63,6 +63,7 @@ def test_nothing_is_said_where_an_end_is_free_to_come(model, supports):
     assert SAID not in answer.message
 
 
+@pytest.mark.by_default("ModalWarping")
 @pytest.mark.parametrize("model", MODELS)
 def test_quarters_by_symmetry_and_plates_held_all_round_are_seen(model):
     half = strip([ms.Symmetry("x > 0.999", normal=(1, 0, 0)), ms.Clamp("x < 0.06")])

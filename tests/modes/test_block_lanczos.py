@@ -43,6 +43,7 @@ def test_a_space_as_large_as_half_of_all_is_not_begun():
     assert largest_pairs(lambda _: pytest.fail("no product is needed"), start(), SIZE // 8) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("largest", "converges"), [(1e6, True), (1e12, False)])
 def test_pairs_far_below_the_largest_are_right_or_not_there(largest, converges):
     values = np.concatenate([[largest, 1e3], 1.0 / (1.0 + np.arange(SIZE - 2)) ** 2])

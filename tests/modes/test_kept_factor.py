@@ -98,6 +98,7 @@ def test_an_unsymmetric_matrix_nearby_is_solved_to_the_accuracy(matrix, accuracy
     assert unsymmetric_by_kept_factor(kept, near, 0.0 * right_side, accuracy) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("load", [ms.Pressure(3.0), ms.Wind((1.0, 0.0, 3.0))])
 def test_motions_under_loads_that_follow_take_few_factors_to_the_same_answer(monkeypatch, load):
     """As few as under dead loads; once three in each step of implicit Euler."""

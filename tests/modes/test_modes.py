@@ -276,6 +276,7 @@ def test_numpy_counts_are_taken():
 # ---- physics
 
 
+@pytest.mark.by_default("equilateral-cells0")
 @pytest.mark.parametrize(("family", "cells"), [("equilateral", (28, 24)), ("lloyd", (28, 24))])
 def test_free_square_plate_has_the_hinge_spectrum(family, cells):
     """The isotropic hinge plate: D = 2 c k_f with c = 3, and the effective Poisson's ratio -1/3."""

@@ -59,6 +59,7 @@ def test_scenes_of_slivers_warn(tmp_path):
 FEW = "fewer than 4 edges a half wave"
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error")
 def test_modes_that_the_mesh_does_not_resolve_are_named():
     with pytest.warns(ms.ModalShellWarning, match=f"modes 2, 3, 4 have {FEW}"):

@@ -30,7 +30,7 @@ def test_a_stretched_strip_has_the_frequencies_of_a_beam_under_tension(tension):
     np.testing.assert_allclose(found, np.sqrt(squares) / (2.0 * np.pi), rtol=0.01)
 
 
-@pytest.mark.by_default("LinearModal-mesh")
+@pytest.mark.slow
 @pytest.mark.parametrize("rest", ["curvature", "mesh", "temperature"])
 @pytest.mark.parametrize("make", [ms.LinearModal, ms.ModalWarping, ms.RotationStrain])
 def test_modal_models_stand_on_the_settled_shell(make, rest):
@@ -105,6 +105,7 @@ def test_what_a_settled_shell_does_not_give(tmp_path):
         creased.settled(mesh.vertices)
 
 
+@pytest.mark.slow
 def test_a_settled_strip_touches_as_ds_does():
     _, settled = curled()
     floor = [ms.Contact(ms.Plane((0, 0, 1), settled.rest_positions[:, 2].min() - 5e-4))]
@@ -133,6 +134,7 @@ def test_a_thin_plate_is_settled_only_where_its_stresses_are_those_of_its_equili
     assert ms.solve_modes(settled, 1).frequencies[0] == pytest.approx(cold * np.sqrt(1.0 - share), rel=0.02)
 
 
+@pytest.mark.slow
 def test_motions_of_settled_shells_have_one_energy_whatever_the_model():
     """That of the stresses at rest was missing from modes', so that a switch was said to have doubled the energy."""
     _, settled = curled()

@@ -83,7 +83,7 @@ def settled_at_all_ends(model):
     return run, each * np.arange(1, len(ENDS) + 1), path
 
 
-@pytest.mark.by_default("hinges-pinned rows-thrown and turned")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("material", "supports", "end"),
     [
@@ -207,6 +207,7 @@ def test_the_pull_of_a_moving_clamp_is_the_gradients_derivative_at_rest():
     np.testing.assert_allclose(slopes, 2.0, atol=0.3)
 
 
+@pytest.mark.slow
 def test_fields_of_a_carried_shell_are_those_in_its_own_frame():
     shell, path = shell_of(ISOTROPIC, "clamped row"), path_to("thrown and turned")
     model = ms.ModalWarping(ms.solve_modes(shell, 3))

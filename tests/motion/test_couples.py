@@ -78,7 +78,7 @@ def test_angular_momentum_is_the_impulse_of_the_steps_own_moments(rung, rule, mo
     np.testing.assert_allclose(spins, given, rtol=0, atol=1e-6 * np.linalg.norm(spins[-1]))
 
 
-@pytest.mark.by_default("LMA")
+@pytest.mark.slow
 @pytest.mark.parametrize("rung", ["LMA", "MWTS", "RSW", "DS", "coarse DS", "MD-ROM"])
 def test_the_steps_quadrature_of_a_couple_is_of_second_order(rung):
     """Against the moments at the frames, whose trapezoidal sum is of second order itself."""

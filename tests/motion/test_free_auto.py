@@ -132,6 +132,7 @@ def test_several_free_parts_fly_each_by_itself():
         np.testing.assert_allclose(*ends, rtol=0, atol=1e-3 * np.linalg.norm(moved))
 
 
+@pytest.mark.slow
 def test_a_fall_stays_on_the_cheapest_level():
     run = ms.simulate(ms.Auto(panel("plate")), duration=0.5, dt=DT, gravity=GRAVITY)
     assert run.message == "steps by MWTS 100 %"

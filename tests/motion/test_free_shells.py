@@ -229,7 +229,7 @@ def test_tumbling_is_of_second_order(name):
     np.testing.assert_allclose(np.log2([a / b for a, b in pairwise(errors)]), 2.0, rtol=0, atol=0.25)
 
 
-@pytest.mark.by_default("MWTS")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["LMA", "MWTS", "RSW", "MD-ROM"])
 def test_a_turning_sheet_under_a_couple_meets_ds(name):
     shell, load = shell_of("plate"), couple(shell_of("plate"))
@@ -355,7 +355,7 @@ def test_a_resumed_motion_has_the_same_bits(name):
     np.testing.assert_array_equal(one.state.rates, two.state.rates)
 
 
-@pytest.mark.by_default("rigid")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["LMA", "MWTS", "RSW", "MD-ROM", "rigid"])
 def test_energies_of_a_falling_turning_sheet_add_up(name):
     shell, model = shell_of("plate"), model_of("plate", name)
@@ -453,7 +453,7 @@ def test_fast_spin_is_told():
     assert "take DS" in model.remark(fast)
 
 
-@pytest.mark.by_default("one clamped")
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:modes are spent on rigid motion")
 @pytest.mark.parametrize("clamped", [False, True], ids=["both free", "one clamped"])
 def test_a_reduced_warp_flies_and_bends_as_rsw(clamped):

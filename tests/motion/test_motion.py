@@ -62,6 +62,7 @@ def test_damped_motion_comes_to_rest_at_the_equilibrium(basis):
         np.testing.assert_allclose(run.positions[-1], still.positions, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_damped_discrete_shell_comes_to_rest_at_its_equilibrium(beam):
     model = ms.DiscreteShell(beam)
     run = ms.simulate(model, duration=20.0, dt=0.2, gravity=(0, 0, -4.0), damping=(3.0, 0.01))

@@ -105,6 +105,7 @@ def coarse(beam):
     return ms.coarse_shell(beam, ms.v_beam(length=1.0, width=0.2, fold=150.0, cells=(14, 2)))
 
 
+@pytest.mark.slow
 def test_on_a_coarse_shell_they_are_near_those_on_the_shell_and_void_at_the_same_snap(rung, coarse, tmp_path):
     run, fine = (move(rung, 60.0, bars=bars) for bars in ((6, coarse), 6))
     assert np.array_equal(run.positions, fine.positions)

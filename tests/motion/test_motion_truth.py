@@ -45,18 +45,19 @@ def test_modal_rungs_have_the_damping_that_was_asked(energy, name, steps):
     assert off(energy, name, "exponential", steps) < 1e-3
 
 
-@pytest.mark.by_default("hinges")
+@pytest.mark.slow
 @pytest.mark.parametrize("energy", ENERGIES)
 def test_ds_has_the_damping_that_was_asked_at_20_steps_a_period(energy):
     assert off(energy, "DS", "composite", 20) < 0.01
 
 
-@pytest.mark.by_default("hinges-MD-ROM", "Isotropic-coarse DS")
+@pytest.mark.slow
 @pytest.mark.parametrize(("energy", "name"), [(e, n) for e in ENERGIES for n in ("coarse DS", "MD-ROM")])
 def test_rungs_of_one_solution_a_step_have_it_at_75(energy, name):
     assert off(energy, name, "bdf2", 75) < 0.01
 
 
+@pytest.mark.slow
 def test_springs_have_it_at_75():
     assert off("hinges", "springs", "bdf2", 75) < 0.01
 
@@ -68,7 +69,7 @@ def test_the_hybrid_has_it_at_75_and_is_of_order_two():
     assert motion_damping.order_of(rung, shell, "bdf2", (100, 200, 400))["order"] == pytest.approx(2.0, abs=0.2)
 
 
-@pytest.mark.by_default("bdf2")
+@pytest.mark.slow
 @pytest.mark.parametrize("rule", ["bdf2", "composite", "sdirk2"])
 def test_implicit_euler_adds_damping_and_second_order_does_not(rule):
     assert off("hinges", "coarse DS", "implicit_euler", 75) > 0.3
@@ -83,7 +84,7 @@ def test_modal_rungs_are_of_order_two(energy, name):
     assert found["order"] == pytest.approx(2.0, abs=0.2)
 
 
-@pytest.mark.by_default("bdf2")
+@pytest.mark.slow
 @pytest.mark.parametrize("rule", ["bdf2", "composite", "sdirk2"])
 def test_coarse_ds_is_of_order_two(rule):
     """The first part of SDIRK2 meets a stretch with half the pull: rates of strain by it are of order one."""
@@ -109,6 +110,7 @@ def test_lma_follows_loads_of_straight_pieces_exactly(energy, steps):
     assert motion_damping.linear_exactness(energy, steps) < 1e-12
 
 
+@pytest.mark.slow
 def test_a_stiff_sheet_that_is_damped_by_strain_rates_turns_freely():
     rung, shell = rung_of("hinges", "coarse DS")
     found = motion_damping.order_of(rung, shell, "composite", (50, 100, 200))
@@ -136,7 +138,7 @@ def snapping_tip():
     return motion_scenes.snap_tip(motion_scenes.snap_models()["coarse DS"]("bdf2"), 32)[0]
 
 
-@pytest.mark.by_default("coarse DS-bdf2-0.04")
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "rule", "most"), [("DS", "composite", 0.01), ("coarse DS", "bdf2", 0.04)])
 def test_v_beam_is_followed_through_its_snap_at_30_steps_a_second(name, rule, most, snapping_tip):
     tip, took = motion_scenes.snap_tip(motion_scenes.snap_models()[name](rule), 1)

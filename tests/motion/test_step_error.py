@@ -1,7 +1,7 @@
 """What a motion says of its steps' cost, and steps that are divided to a tolerance."""
 
 import re
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -123,8 +123,9 @@ def test_the_stated_error_is_right_within_two_on_drawn_motions():
 TURNED = ms.SupportPath([0.0, 0.5, 1.0], np.zeros((3, 3)), [[0.0, 0.0, 0.0], [0.0, 0.5, 0.0], [0.0, 1.5, 0.0]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moves", [{"gravity": (0.0, 0.0, -3.0)}, {"supports": TURNED}], ids=["falls", "is turned"])
-@pytest.mark.parametrize("steps", [40, 160])
+@pytest.mark.parametrize("steps", [40, 80])
 def test_one_linearisation_a_step_states_what_it_costs_where_a_sheet_turns(strip, moves, steps):
     """Its steps stretch what turns, which holds the motion up: up to 14 times as far off as was said."""
     options = {"duration": 1.0} | moves
@@ -151,7 +152,7 @@ def test_explicit_steps_know_none(strip):
         ms.simulate(model, duration=20 * dt, dt=dt, gravity=(0, 0, -1.0), tolerance=0.01)
 
 
-@pytest.mark.by_default("bdf2", "linear_implicit")
+@pytest.mark.slow
 @pytest.mark.parametrize("key", ["implicit", "linear_implicit", "bdf2", "sdirk2"])
 def test_the_damping_that_steps_add_is_theirs_in_linear_theory(strip, basis, key):
     """Small free motion of the first mode at 20 steps a period, whose decay is measured."""
@@ -187,7 +188,7 @@ def test_modes_too_fast_for_frames_are_named(strip):
     assert run.message == ""
 
 
-@pytest.mark.by_default("RotationStrain")
+@pytest.mark.slow
 @pytest.mark.parametrize("build", [ms.RotationStrain, ms.DiscreteShell])
 def test_a_tolerance_is_kept_at_the_frames(strip, basis, build):
     path = ms.SupportPath([0, 0.5, 1.0], [[0, 0, 0], [0, 0.1, 0.2], [0, 0, 0]])
@@ -268,6 +269,7 @@ def test_tolerances_out_of_range_are_refused(basis, tolerance):
         ms.simulate(ms.LinearModal(basis), duration=1.0, tolerance=tolerance)
 
 
+@pytest.mark.by_default("RotationStrain", "Auto")
 @pytest.mark.parametrize("build", [ms.RotationStrain, ms.DiscreteShell, ms.Auto])
 def test_divided_steps_resume_to_the_last_bit(strip, basis, build):
     def made():
@@ -296,6 +298,7 @@ def test_what_steps_cost_is_stored(strip, tmp_path):
     assert again.damping_error == run.damping_error
 
 
+@pytest.mark.slow
 def test_steps_of_a_coarse_shell_that_takes_over_cost_what_its_own_do(strip):
     """A hybrid that does not hold the load hands over in its first step, to positions in place of coordinates."""
     small, large = (0.0, 0.0, -0.02), (0.0, 0.0, -1.0)
@@ -306,6 +309,7 @@ def test_steps_of_a_coarse_shell_that_takes_over_cost_what_its_own_do(strip):
     assert runs[0].step_error == pytest.approx(runs[1].step_error, rel=0.2)
 
 
+@pytest.mark.by_default("<lambda>")
 @pytest.mark.parametrize("build", [lambda shell: ms.ModalWarping(ms.solve_modes(shell, 9)), ms.ModalDerivatives])
 def test_the_error_of_a_free_shell_does_not_depend_on_numbers(build):
     """Of corners that move alike one alone was looked at, the first."""
@@ -320,6 +324,7 @@ def test_the_error_of_a_free_shell_does_not_depend_on_numbers(build):
     assert found[1] == pytest.approx(found[0], rel=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("integrator", "least", "most"), [("sdirk2", 0.15, 0.5), ("bdf2", 0.0, 0.03), ("composite", 0.0, 3e-4)]
 )
@@ -336,6 +341,24 @@ def test_energy_that_steps_take_from_a_stiff_swing_is_told(integrator, least, mo
     assert "have taken" not in still.message
 
 
+@cache
+def turned_in_long_steps(kind, integrator, parts):
+    """A strip that turns under its weight, and its motion in steps of 0.2 s / parts, damped by its stiffness."""
+    mesh = ms.flat_beam(length=1.0, width=0.1, cells=(12, 2))
+    sheet = ms.Isotropic(young=1e8, poisson=0.3, thickness=2e-3, density=500.0)
+    if kind == "edges":
+        sheet = ms.Material(stretch=2e5, shear=2e5, flexure=0.07, density=1.0)
+    shell = held_at_left(mesh, sheet, depth=0.1 if kind == "edges" else 1e-9)
+    own = {"integrator": integrator}
+    models = {
+        "coarse": lambda: ms.CoarseDiscreteShell(shell, shell, **own),
+        "reduced": lambda: ms.ModalDerivatives(shell, 8, **own),
+    }
+    model = models.get(kind, lambda: ms.DiscreteShell(shell, **own))()
+    options = {"gravity": (0, 0, -0.5), "damping": (0.0, 0.05), "store_every": parts}
+    return shell, ms.simulate(model, duration=1.0, dt=0.2 / parts, **options)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("rule", "most"), [("composite", 0.004), ("bdf2", 0.02), ("sdirk2", 0.005), ("implicit", 0.05)]
@@ -343,23 +366,8 @@ def test_energy_that_steps_take_from_a_stiff_swing_is_told(integrator, least, mo
 @pytest.mark.parametrize("kind", ["sheet", "edges", "coarse", "reduced"])
 def test_damping_by_the_stiffness_lets_stiff_sheets_turn_in_long_steps(rule, most, kind):
     """The straight way of a turning triangle has a strain that is none; it held this strip back by 0.08 to 0.26."""
-    mesh = ms.flat_beam(length=1.0, width=0.1, cells=(12, 2))
-    sheet = ms.Isotropic(young=1e8, poisson=0.3, thickness=2e-3, density=500.0)
-    if kind == "edges":
-        sheet = ms.Material(stretch=2e5, shear=2e5, flexure=0.07, density=1.0)
-    shell = held_at_left(mesh, sheet, depth=0.1 if kind == "edges" else 1e-9)
-
-    def run(integrator, parts):
-        own = {"integrator": integrator}
-        models = {
-            "coarse": lambda: ms.CoarseDiscreteShell(shell, shell, **own),
-            "reduced": lambda: ms.ModalDerivatives(shell, 8, **own),
-        }
-        model = models.get(kind, lambda: ms.DiscreteShell(shell, **own))()
-        options = {"gravity": (0, 0, -0.5), "damping": (0.0, 0.05), "store_every": parts}
-        return ms.simulate(model, duration=1.0, dt=0.2 / parts, **options)
-
-    exact, found = run("composite", 32).positions, run(rule, 1)
+    (shell, fine), (_, found) = turned_in_long_steps(kind, "composite", 32), turned_in_long_steps(kind, rule, 1)
+    exact = fine.positions
     assert np.ptp(exact[:, :, 2], axis=0).max() > 0.2
     off = np.linalg.norm(found.positions - exact, axis=2).max()
     assert off < most * shell.size
@@ -367,6 +375,7 @@ def test_damping_by_the_stiffness_lets_stiff_sheets_turn_in_long_steps(rule, mos
     assert (np.diff(found.energies.sum(axis=1)) < 0.0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", ["implicit", "composite"])
 @pytest.mark.parametrize("sheet", ["Isotropic", "Material"])
 @given(viscosity=st.floats(1e-3, 1.0), steps=st.integers(8, 40), fold=st.floats(90.0, 175.0))
@@ -381,29 +390,33 @@ def test_damping_by_the_stiffness_takes_energy_in_every_step(integrator, sheet, 
     assert (np.diff(total) <= 1e-9 * np.abs(run.energies[:, 2]).max()).all()
 
 
-@pytest.mark.parametrize("rule", ["composite", "bdf2", "sdirk2"])
-@pytest.mark.parametrize("kind", ["sheet", "edges", "coarse"])
-def test_damped_folds_turn_through_half_a_turn(rule, kind):
-    """The measure of a fold jumps there by a turn, which is no change that damping resists."""
+@cache
+def turned(kind, integrator, parts):
+    """Angles [rad] of a flap that a pressure turns through half a turn, of one cell, in steps of 0.02 s / parts."""
     mesh = ms.flat_beam(length=1.0, width=0.5, cells=(2, 2))
     sheet = ms.Material(2e5, 2e5, 0.07, 1.0) if kind == "edges" else ms.Isotropic(1e8, 0.3, 2e-3, 500.0)
     shell, flap = ms.Shell(mesh, sheet, clamped=mesh.vertices[:, 0] < 0.51), mesh.vertices[:, 0] > 0.51
     folded = mesh.vertices.copy()
     folded[flap, 2] = 0.5 * np.sin(3.0)
     folded[flap, 0] = 0.5 + 0.5 * np.cos(3.0)
+    own = ms.DiscreteShell(shell, integrator=integrator)
+    model = ms.CoarseDiscreteShell(shell, shell, integrator=integrator) if kind == "coarse" else own
+    options = {"loads": [ms.Pressure(30.0)], "damping": (1.0, 2.0), "store_every": parts, "start": folded}
+    tips = ms.simulate(model, duration=0.4, dt=0.02 / parts, **options).positions[:, flap].mean(axis=1)
+    return np.unwrap(np.arctan2(tips[:, 2], tips[:, 0] - 0.5))
 
-    def turned(integrator, parts):
-        own = ms.DiscreteShell(shell, integrator=integrator)
-        model = ms.CoarseDiscreteShell(shell, shell, integrator=integrator) if kind == "coarse" else own
-        options = {"loads": [ms.Pressure(30.0)], "damping": (1.0, 2.0), "store_every": parts, "start": folded}
-        tips = ms.simulate(model, duration=0.4, dt=0.02 / parts, **options).positions[:, flap].mean(axis=1)
-        return np.unwrap(np.arctan2(tips[:, 2], tips[:, 0] - 0.5))
 
-    found, exact = turned(rule, 1), turned("implicit", 8)
+@pytest.mark.by_default("coarse-composite", "coarse-bdf2", "coarse-sdirk2")
+@pytest.mark.parametrize("rule", ["composite", "bdf2", "sdirk2"])
+@pytest.mark.parametrize("kind", ["sheet", "edges", "coarse"])
+def test_damped_folds_turn_through_half_a_turn(rule, kind):
+    """The measure of a fold jumps there by a turn, which is no change that damping resists."""
+    found, exact = turned(kind, rule, 1), turned(kind, "implicit", 8)
     assert exact.max() > np.pi + 0.05
     np.testing.assert_allclose(found, exact, atol=0.1)
 
 
+@pytest.mark.by_default("free")
 @pytest.mark.parametrize("sheet", ["free", "held"])
 def test_a_tolerance_that_a_free_sheet_on_a_ball_may_miss_is_said_to_be_missed(sheet):
     """Errors of its speed go on: it was 0.085 of its size off where 0.05 was asked and 0.028 stated."""

@@ -38,6 +38,7 @@ def test_other_fields_are_refused_before_the_motion(fields, message):
         ms.simulate(model(), duration=1e9, fields=fields)
 
 
+@pytest.mark.slow
 def test_stresses_of_positions_that_stretch_the_shell_otherwise_than_their_model_are_said_to_be_wrong():
     """They were stored and drawn without a word: nine times too large by MWTS, twice by coarse DS."""
     mesh, sheet = ms.flat_beam(cells=(16, 4)), ms.Isotropic(1e8, 0.3, 5e-3, 100.0)

@@ -153,7 +153,7 @@ def free_panel(energy, at=None):
     return shell, coarse, load
 
 
-@pytest.mark.by_default("hinges-MD-ROM, cubature")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("energy", "rung"),
     by_turns(
@@ -226,7 +226,7 @@ def in_wind(rung, shell, coarse, load, turn, gravity):
         steady, gust = (ms.Wind(tuple(turn @ way)) for way in ([0.5, 0.3, 1.0], [0.2, 0.6, 0.4]))
         loads = [steady, ms.Pressure(0.3), ms.Scaled(gust, lambda time: 1.0 + np.sin(9.0 * time))]
         force = load if free else None
-        return ms.simulate(model, duration=0.3, dt=1.0 / 30.0, gravity=gravity, force=force, loads=loads).positions
+        return ms.simulate(model, duration=0.2, dt=1.0 / 30.0, gravity=gravity, force=force, loads=loads).positions
 
 
 @pytest.mark.by_default("panel-hinges-MWTS, consistent")

@@ -42,6 +42,7 @@ def overhang(stiffness, weight):
     return (cubed_overhang() * stiffness / (weight * GRAVITY)) ** (1.0 / 3.0)
 
 
+@pytest.mark.slow
 def test_the_family_is_small_and_in_order():
     family = json.loads(FAMILY.read_text())
     assert FAMILY.stat().st_size < 400_000

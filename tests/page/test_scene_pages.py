@@ -47,6 +47,7 @@ def test_a_scene_that_a_live_model_shows_whole_is_live(scene_file):
     assert data["live"]["dt"] == pytest.approx(1 / 30)
 
 
+@pytest.mark.slow
 def test_a_static_scene_by_another_model_shows_its_answer_and_how_far_the_live_model_is_off(scene_file):
     changes = ('name = "mwts"', 'name = "ds"'), ("[motion]\nduration = 1\n", ""), ("-9.81", "-0.5")
     scene = ms.load_scene(scene_file(*changes)).require_shell()
@@ -81,6 +82,7 @@ def test_a_page_says_what_keeps_the_scene_s_own_model_from_being_offered(scene_f
     assert re.search(said, page.text)
 
 
+@pytest.mark.slow
 def test_the_shell_of_a_page_and_its_modes_are_made_once(scene_file, monkeypatch):
     """The scene's own model was built on another shell, with modes of its own."""
     made, build, solve = [], ShellScene.build_shell, ms.solve_modes
@@ -113,6 +115,7 @@ def test_a_scene_without_modes_plays_its_run(scene_file, table):
         scene_page(ms.load_scene(scene_file(*changes[1:])))
 
 
+@pytest.mark.slow
 def test_a_page_plays_supports_that_move(scene_file):
     moved = "times = [0.0, 0.5, 1.0]\ntranslations = [[0, 0, 0], [0, 0.3, 0], [0, 0, 0]]\n"
     scene = ms.load_scene(scene_file(("[loads]", f"{moved}[loads]"))).require_shell()
@@ -154,6 +157,7 @@ def test_a_coloured_scene_shows_its_field_and_loads_that_change(scene_file):
     assert (amounts @ values.T).min() == pytest.approx(low, abs=0.02 * (high - low))
 
 
+@pytest.mark.slow
 def test_a_scene_whose_steps_are_divided_plays_its_run_and_says_so(scene_file):
     page = scene_page(ms.load_scene(scene_file(("duration = 1", "duration = 0.2\ntolerance = 1e-3"))))
     assert len(content(page)["record"]["times"]) > 2

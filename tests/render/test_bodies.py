@@ -50,6 +50,7 @@ def test_pictures_show_the_colliders_where_they_are(tmp_path):
     assert not ms.load_trajectory(one.save(tmp_path / "run.npz")).contacts
 
 
+@pytest.mark.slow
 def test_large_colliders_leave_the_camera_at_the_shell():
     answer, run = resting(20.0)
     shell = run.positions.reshape(-1, 3)

@@ -156,7 +156,7 @@ def test_unknown_renderer(monkeypatch):
 # ---- pictures ----
 
 
-@pytest.mark.by_default("built-in")
+@pytest.mark.slow
 def test_every_cell_is_filled_and_nothing_is_clipped(drawn_by, tmp_path):
     flat, faces = grid(bend=1e-6)
     bent = grid(bend=2.5, fold=0.5)[0]
@@ -176,6 +176,7 @@ def test_every_cell_is_filled_and_nothing_is_clipped(drawn_by, tmp_path):
     assert [p.name for p in (tmp_path / "new").iterdir()] == ["page.png"]
 
 
+@pytest.mark.by_default("built-in")
 def test_transparent_overlay_mixes_colours(drawn_by, tmp_path):
     upper, faces = grid(bend=1e-6)
     lower = upper - np.array([0, 0, 0.05])
@@ -246,6 +247,7 @@ def test_frame_is_tight():
     assert camera.axes @ camera.axes.T == pytest.approx(np.eye(3), abs=1e-12)
 
 
+@pytest.mark.slow
 def test_no_line_of_the_fallback_runs_for_each_triangle(detected, monkeypatch, tmp_path):
     use("built-in", detected, monkeypatch)
     counts = []
@@ -259,6 +261,7 @@ def test_no_line_of_the_fallback_runs_for_each_triangle(detected, monkeypatch, t
 # ---- films ----
 
 
+@pytest.mark.by_default("pyvista")
 def test_film(drawn_by, tmp_path):
     import imageio_ffmpeg
 
@@ -285,6 +288,7 @@ def test_film(drawn_by, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["f.mp4"]
 
 
+@pytest.mark.slow
 def test_frames_that_come_one_by_one_make_the_same_film(detected, monkeypatch, tmp_path):
     use("built-in", detected, monkeypatch)
     faces = grid()[1]
@@ -414,6 +418,7 @@ def test_films_refused(change, message, tmp_path):
         write_film(**options)
 
 
+@pytest.mark.slow
 def test_colours_refused(detected, monkeypatch, tmp_path):
     use("built-in", detected, monkeypatch)
     vertices, faces = grid()

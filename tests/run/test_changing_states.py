@@ -39,6 +39,7 @@ times = [0.0, 0.1, 0.3]
 factors = [0.0, 1.0, 0.2]"""
 
 
+@pytest.mark.by_default("hybrid and coarse DS")
 @pytest.mark.parametrize(
     ("model", "more"),
     [
@@ -53,7 +54,7 @@ def test_motions_whose_states_change_their_kind_resume(tmp_path, model, more):
     scene = tmp_path / "fold.toml"
     scene.write_text(FOLD.format(model=model, more=more))
     expected = ms.load_trajectory(ms.run_scene(scene, out=tmp_path / "whole").files[0])
-    for steps in (3, 7, 12):
+    for steps in (7, 12):
         with pytest.raises(Stopped):
             ms.run_scene(scene, out=tmp_path / "stopped", on_step=stop_after(steps))
     again = ms.run_scene(scene, out=tmp_path / "stopped")

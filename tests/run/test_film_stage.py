@@ -70,6 +70,7 @@ def test_the_ground_is_across_the_axis_of_gravity(gravity, down):
     np.testing.assert_allclose(middle, 0.5 * (frames.min(axis=(0, 1)) + frames.max(axis=(0, 1)))[around], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_scene_says_which_way_its_film_is_up(scene_file, tmp_path, monkeypatch):
     seen = []
 

@@ -174,6 +174,7 @@ def test_the_command_reports(tmp_path, capsys):
     assert "pixels" in out.splitlines()[0]
 
 
+@pytest.mark.slow
 def test_a_flock_in_other_units_flies_the_same(tmp_path):
     """The earth's gravity, which the scene leaves out, the labels, the film's speed and the page are in its units."""
     import imageio_ffmpeg

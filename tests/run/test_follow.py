@@ -125,6 +125,7 @@ def finished(write, tmp_path_factory):
     return scene, ms.run_scene(scene, out=folder / "out").trajectory
 
 
+@pytest.mark.slow
 def test_a_slow_follower_skips_and_a_fast_one_waits(finished, follower, tmp_path):
     scene, expected = finished
     out = tmp_path / "not" / "there yet"

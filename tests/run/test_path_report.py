@@ -77,6 +77,7 @@ def test_every_printed_number_is_in_the_file(reported):
     assert "modalshell report snap.toml --path" in page
 
 
+@pytest.mark.slow
 def test_a_path_without_events_says_so_and_one_that_ends_early_why(reported):
     text = SNAPPING.replace("branches = 1", "until = 0.05")
     (reported / "calm.toml").write_text(text)

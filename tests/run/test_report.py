@@ -84,6 +84,7 @@ def test_a_report_has_the_numbers_of_the_run(plate):
     assert page.count("<img") == 1
 
 
+@pytest.mark.slow
 def test_a_run_by_ds_keeps_its_reactions_and_writes_tables_of_them(plate):
     (plate / "plate.toml").write_text(PLATE.replace('color = "von_mises"', 'formats = ["csv"]\nfields = ["von_mises"]'))
     ran = ms.run_scene("plate.toml", out="results")

@@ -237,6 +237,7 @@ def test_frames_cut_off_anywhere_are_taken_up(torn, tmp_path):
         assert_same(again.trajectory, expected)
 
 
+@pytest.mark.slow
 def test_damaged_frames_are_computed_again(torn, tmp_path):
     scene, expected, frames = torn
     header = header_length(frames)
@@ -390,7 +391,7 @@ def test_a_run_that_diverges_says_so(tmp_path):
     assert np.isfinite(run.positions).all()
 
 
-@pytest.mark.by_default("cloth_on_ball", "folded_strip")
+@pytest.mark.by_default("folded_strip")
 @pytest.mark.parametrize("file", [_FOLDER / f"{name}.toml" for name in RUN], ids=RUN)
 def test_scenes_of_the_repository_run(tmp_path, file):
     scene = ms.load_scene(file)

@@ -40,6 +40,7 @@ def test_an_equilibrium_says_its_bar_and_keeps_it(gravity, said, tmp_path, capsy
     assert ms.load_trajectory(tmp_path / "out" / "scene.npz").margin[0] == stored["margin"][0]
 
 
+@pytest.mark.slow
 def test_a_motion_has_bars_and_a_resumed_one_the_same(tmp_path):
     scene = tmp_path / "scene.toml"
     scene.write_text(SCENE % ("true", -20.0) + "[motion]\nduration = 1.5\n")
@@ -74,6 +75,7 @@ def test_without_a_bar_nothing_is_stored(tmp_path):
     assert "from DS" not in result.summary
 
 
+@pytest.mark.by_default("True")
 @pytest.mark.parametrize("static", [True, False])
 def test_simulate_says_how_far_it_is_from_ds(static, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(

@@ -63,6 +63,7 @@ def test_the_command_prints_them(capsys):
     assert "direction" in printed
 
 
+@pytest.mark.slow
 def test_pictures_are_coloured_by_displacement_in_scenes_too(scene_file, tmp_path):
     coloured = '[output]\ncolor = "displacement"\nformats = ["png"]\n'
     file = scene_file(("duration = 1", "duration = 0.2"), more=coloured)

@@ -86,6 +86,7 @@ def test_statics_knows_no_time(scene_file):
         ms.load_scene(file).build()
 
 
+@pytest.mark.slow
 def test_fields_are_stored_and_written(scene_file, tmp_path):
     file = scene_file(
         FLAT, ("duration = 1", "duration = 0.1"), ("[model]", '[output]\nfields = ["curvature"]\n[model]')

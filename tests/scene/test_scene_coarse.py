@@ -81,6 +81,7 @@ def test_a_mesh_file_is_remeshed(scene_file):
     assert isinstance(theory.build().model.coarse.shell.material, ms.Isotropic)
 
 
+@pytest.mark.slow
 def test_comparisons_of_a_mesh_file_try_coarse_shells_that_a_scene_can_name(scene_file):
     pytest.importorskip("pymeshlab", reason="pymeshlab is not installed (pip install 'modalshell[remesh]')")
     found, left_out = candidates(scene_case(ms.load_scene(scene_file(FILE))), (4,))
@@ -103,6 +104,7 @@ def test_a_hybrid_of_a_mesh_file_is_trained_on_its_remeshed_surface(scene_file):
     assert ms.measure.displacement_error(answer.positions, exact.positions, built.shell) < 0.05
 
 
+@pytest.mark.slow
 def test_creases_and_fields_of_a_scene_go_to_its_coarse_shell(tmp_path):
     pytest.importorskip("pymeshlab", reason="pymeshlab is not installed (pip install 'modalshell[remesh]')")
     curvatures = ", ".join(["2.0"] * 128)

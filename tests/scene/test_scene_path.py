@@ -73,6 +73,7 @@ def test_watched_vertices_come_from_a_file(scene, tmp_path):
         ms.load_scene(scene('[path]\nwatch = "tip.txt"\n'))
 
 
+@pytest.mark.slow
 def test_a_path_that_does_not_arrive_ends_with_status_1(scene, tmp_path):
     assert run("path", scene("[path]\npoints = 3\n"), "--out", tmp_path) == 1
 

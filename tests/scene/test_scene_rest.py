@@ -91,6 +91,7 @@ def test_the_digest_follows_the_file_at_rest(tmp_path):
     assert declared.content() != before
 
 
+@pytest.mark.slow
 def test_the_digest_follows_what_the_file_at_rest_reads_from_others(tmp_path):
     """A glTF file may keep its numbers in another one: results of what that held before were taken as its own."""
     declared = scene(tmp_path, '[rest]\nfile = "bent.gltf"\n')
@@ -117,6 +118,7 @@ def test_the_digest_follows_what_the_file_at_rest_reads_from_others(tmp_path):
     assert found[0] == found[2] != found[1]
 
 
+@pytest.mark.slow
 def test_creases_of_a_scene_are_those_in_python_and_its_results_keep_them(tmp_path):
     declared = scene(tmp_path, CREASES)
     shell = declared.build_shell()

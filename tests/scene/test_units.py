@@ -98,6 +98,7 @@ def test_unit_systems_name_what_follows_from_their_three():
     assert SI.labels({"length": "m", "ratio": ""}) == {"length": "m", "ratio": "1"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("units", ["", MILLIMETRES])
 def test_results_of_a_scene_carry_its_units(scene_file, tmp_path, units):
     """The archive, the clip, VTK's files, the record, and what is read back."""

@@ -77,7 +77,7 @@ def test_a_loading_cycle_of_one_hinge_is_that_by_hand(material):
     assert np.ptp(expected[:, 0]) > 2.0 * LIMIT / k  # it yields both ways
 
 
-@pytest.mark.by_default("loads0-split folds")
+@pytest.mark.slow
 @ENERGIES
 @pytest.mark.parametrize("loads", [(1.5,), (1.2, 1.9, 0.0, -1.4, 0.0, 1.7)])
 def test_a_couple_leaves_the_angle_that_hardening_says(material, loads):
@@ -100,7 +100,7 @@ def test_a_couple_leaves_the_angle_that_hardening_says(material, loads):
         shell = shell.creased(answer.creases)
 
 
-@pytest.mark.by_default("hinges")
+@pytest.mark.slow
 @ENERGIES
 def test_folded_released_and_folded_again(material):
     shell = strip(material, cells=(8, 2), hardening=0.02)
@@ -189,6 +189,7 @@ def _along(mesh, axis):
     return np.flatnonzero(middle[mesh.edges].all(axis=1))
 
 
+@pytest.mark.by_default("hinges")
 @ENERGIES
 def test_creases_that_do_not_yield_change_no_bit(material):
     plain = ms.Shell(strip(material).mesh, material, clamped="x < 0.13")
@@ -201,7 +202,7 @@ def test_creases_that_do_not_yield_change_no_bit(material):
     assert moving[0].crease_angles.size == 0
 
 
-@pytest.mark.by_default("implicit-hinges")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rule", "material"),
     [("implicit", HINGES), ("composite", SHEET), ("bdf2", HINGES)],
@@ -237,6 +238,7 @@ def test_explicit_steps_and_implicit_ones_yield_alike():
     assert errors[1] < 0.25 * np.abs(fine.crease_angles[-1]).max()
 
 
+@pytest.mark.slow
 def test_state_survives_files_and_pickles(tmp_path):
     shell = strip()
     model = ms.DiscreteShell(pickle.loads(pickle.dumps(shell)))
@@ -251,6 +253,7 @@ def test_state_survives_files_and_pickles(tmp_path):
     assert np.allclose(run.energies[-1, 1], kept, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_motion_goes_on_from_a_snapshot_bit_by_bit():
     from modalshell.motion import Motion
 
@@ -338,6 +341,7 @@ def test_what_knows_no_creases_says_so():
         ms.Shell(shell.mesh, SHEET, creases=[ms.Crease("x > 0.4", 1.0), ms.Crease("x > 0.6", 1.0)])
 
 
+@pytest.mark.slow
 @ENERGIES
 def test_modes_about_a_folded_state_are_those_of_its_folds(material):
     shell = strip(material, hardening=0.02)
@@ -408,7 +412,7 @@ def test_a_moving_crease_keeps_the_balance_of_energy():
     assert np.abs(balance).max() < 0.05 * run.crease_heat[-1]
 
 
-@pytest.mark.by_default("hinges")
+@pytest.mark.slow
 @pytest.mark.parametrize(("material", "limit"), [(HINGES, 0.03), (SHEET, 0.055)], ids=["hinges", "split folds"])
 def test_what_yields_on_the_way_to_a_load_keeps_its_fold(material, limit):
     """A strip folds early; pulled straight up beside its clamp, it has hardly a moment left at the crease."""

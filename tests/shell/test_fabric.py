@@ -68,6 +68,7 @@ def test_sensitivities_are_the_derivatives_of_equilibria(name):
     assert np.log2(remainders[0] / remainders[1]) == pytest.approx(2.0, abs=0.2)
 
 
+@pytest.mark.slow
 def test_a_fabric_falls_over_an_edge_and_comes_to_rest():
     """In motion, damped, it ends where its statics ends."""
     mesh = ms.flat_beam(length=0.06, width=0.02, cells=(8, 2))

@@ -12,6 +12,7 @@ from modalshell import Material, Shell, TriangleMesh, leaf, v_beam
 from modalshell.shell.kernels.generated import flexure
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(angle=st.floats(-math.pi + 1e-6, math.pi - 1e-6))
 def test_fold_angle_is_the_turn_about_the_edge(angle):

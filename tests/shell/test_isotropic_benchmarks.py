@@ -46,7 +46,7 @@ def trapezoidal(mesh, vertices):
     return vertices[order], shares
 
 
-@pytest.mark.by_default("union-jack")
+@pytest.mark.slow
 @pytest.mark.parametrize("family", FAMILIES)
 def test_heavy_elastica(family):
     mesh = flat_beam(length=0.3, width=0.05, cells=(48, 8), family=family)
@@ -82,6 +82,7 @@ def test_strips_of_finite_elements(strip, family):
         assert np.hypot(middle[0] / 0.3 - reach, -middle[1] / 0.3 - drop) < 0.0015
 
 
+@pytest.mark.by_default("union-jack", "equilateral")
 @pytest.mark.parametrize("family", THREE)
 def test_cantilever_under_end_shear(family):
     mesh = flat_beam(length=10.0, width=1.0, cells=(40, 4), family=family)
@@ -152,7 +153,7 @@ def plate(family, cells, poisson):
     return mesh, Isotropic(1e9, poisson, 1e-3, 1000.0), unit
 
 
-@pytest.mark.by_default("union-jack")
+@pytest.mark.slow
 @pytest.mark.parametrize("family", FAMILIES)
 def test_simply_supported_plate(family):
     mesh, material, unit = plate(family, 24, 0.3)

@@ -126,6 +126,7 @@ def varying():
     return [ms.Shell(mesh, sheet, clamped="x < 1e-6") for sheet in (one, plies, plies.on(mesh))]
 
 
+@pytest.mark.slow
 def test_plies_that_turn_and_grow_are_a_sheet_that_does():
     shells = varying()
     mesh = shells[0].mesh

@@ -79,6 +79,7 @@ def test_lloyd_meshes_bend_alike_in_every_direction(direction):
     assert constants.narrow == pytest.approx(2.72, rel=0.03)
 
 
+@pytest.mark.slow
 def test_bending_constants_do_not_depend_on_size_or_place():
     mesh = sheet(cells=(23, 20), family="equilateral")
     constants = bending_constants(mesh, DIAGONAL)
@@ -88,6 +89,7 @@ def test_bending_constants_do_not_depend_on_size_or_place():
     assert moved.narrow == pytest.approx(constants.narrow, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_curved_meshes_are_calibrated_as_their_flat_ones():
     panel = cylinder_panel(length=1.0, radius=1.0, angle=np.degrees(1.0), cells=(46, 40), family="equilateral")
     for direction in (ALONG, DIAGONAL, None):
@@ -96,6 +98,7 @@ def test_curved_meshes_are_calibrated_as_their_flat_ones():
         assert constants.narrow == pytest.approx(8.0 / 3.0, rel=0.02)
 
 
+@pytest.mark.by_default("right-cells1")
 @pytest.mark.parametrize(("family", "cells"), [("equilateral", (28, 24)), ("right", (20, 20))])
 def test_wide_calibration_gives_a_plate_its_rigidity(family, cells):
     """Bend the sheet over a cylinder, exactly: its energy is D kappa^2 / 2 per area, less the hinges of the rim."""
@@ -112,6 +115,7 @@ def test_wide_calibration_gives_a_plate_its_rigidity(family, cells):
         assert energy < 0.5 * rigidity * kappa**2
 
 
+@pytest.mark.slow
 def test_narrow_and_wide_differ_by_their_constants():
     mesh = sheet(cells=(28, 24), family="equilateral")
     constants = bending_constants(mesh, ALONG)
@@ -217,6 +221,7 @@ def test_equilateral_sheets_near_the_isotropic_one_as_they_are_refined():
     assert np.max(errors) < 0.05
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**16))
 @settings(deadline=None, max_examples=25)
 def test_lowest_stable_stretch_is_where_a_triangle_gives_way(seed):

@@ -46,7 +46,7 @@ def frequencies(mesh, sheet, count=6):
     return ms.solve_modes(ms.Shell(mesh, sheet, supports=[ms.Pin(rim)]), count).frequencies[:count]
 
 
-@pytest.mark.by_default("equilateral")
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::modalshell.core.errors.ModalShellWarning")  # of the coarse mesh's modes
 @pytest.mark.parametrize("family", ["alternating", "equilateral", "jittered"])
 def test_supported_plates_have_the_frequencies_of_the_closed_form(family):
@@ -74,7 +74,7 @@ def test_square_cells_bring_all_six_frequencies_within_one_percent(family):
     np.testing.assert_allclose(found, closed_form(WOOD), rtol=0.01)
 
 
-@pytest.mark.by_default("jittered-25.0")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("family", "ratio"), [("alternating", 25.0), ("equilateral", 1.0), ("union-jack", 10.0), ("jittered", 25.0)]
 )
@@ -220,6 +220,7 @@ def test_sensitivities_are_the_derivatives_of_equilibria(name):
     assert np.log2(remainders[0] / remainders[1]) == pytest.approx(2.0, abs=0.15)
 
 
+@pytest.mark.slow
 def test_constants_are_found_from_frequencies():
     mesh = plate("jittered", (8, 6))
     true = ms.Orthotropic(**WOOD)
@@ -230,6 +231,7 @@ def test_constants_are_found_from_frequencies():
     assert found.material.constants["shear"] == pytest.approx(0.7e9, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_every_model_takes_it_and_a_basis_keeps_it(tmp_path):
     mesh = plate("alternating", (8, 6))
     sheet = ms.Orthotropic(**WOOD, direction=lambda centroids: 20.0 + 0.0 * centroids[:, 0])

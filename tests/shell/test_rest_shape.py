@@ -225,6 +225,7 @@ def test_a_free_strip_takes_its_other_shape_exactly():
     assert np.array_equal(ms.Shell(mesh, SHEET, rest=mesh).force(x), ms.Shell(mesh, SHEET).force(x))
 
 
+@pytest.mark.slow
 def test_a_moving_strip_with_another_rest_shape_keeps_its_energy():
     mesh = ms.flat_beam(length=0.5, width=0.06, cells=(8, 2))
     shell = ms.Shell(mesh, SHEET, clamped="x < 1e-9", rest=bent(mesh, 2.0))

@@ -161,6 +161,7 @@ def test_free_part_of_a_large_shell_is_taken_alike(name, monkeypatch):
         np.testing.assert_array_equal(found[0].data, found[1].data)
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**16), data=st.data())
 @settings(deadline=None, max_examples=20)
 def test_mask_and_indices_say_the_same(seed, data):

@@ -130,7 +130,7 @@ def plate_error(family, cells, support, exact):
     return middle(loaded_plate(family, (cells, cells), support)) / exact - 1.0
 
 
-@pytest.mark.by_default("union-jack-Clamp-0.0012653")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("family", "support", "exact"),
     [(family, Clamp, 1.2653e-3) for family in FAMILIES] + [(FAMILIES[-1], Pin, 4.0624e-3)],

@@ -52,7 +52,7 @@ def test_an_end_is_no_lower_than_the_branch_before_it_and_no_higher_than_its_tan
     assert 0.0 <= end_between(crossed) <= 3.2
 
 
-@pytest.mark.by_default("strain1")
+@pytest.mark.slow
 @pytest.mark.parametrize("strain", [{}, {"prestrain": -1e-3}, {"rest_curvature": 1.0}])
 def test_walks_of_arches_end_where_paths_do_under_stress_too(strain):
     mesh = ms.cylinder_panel(length=1.0, radius=0.5, angle=50.0, cells=(8, 16))

@@ -156,6 +156,7 @@ def _pushed(mesh, share):
     }
 
 
+@pytest.mark.by_default("lma", "mwts", "mwts-consistent")
 @pytest.mark.parametrize("key", [spec.key for spec in ms.models().values() if spec.quadratic and spec.needs == "basis"])
 def test_statics_of_modal_models_past_a_snap_say_so_once(key):
     """They converge: with the capsule `studies/v_beam_accuracy.py`'s beam is 60 to 90 % off DS."""

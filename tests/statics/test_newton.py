@@ -268,6 +268,7 @@ def test_a_step_does_not_creep_along_a_flat_valley(share, excess, most):
     assert result.iterations <= most
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [1.5, 4.0])
 def test_equilibrium_from_a_start_near_a_saddle_is_a_minimum(share):
     """One Gauss-Newton step from beside the saddle lands on it: its own Hessian says nothing of the true one."""
@@ -279,6 +280,7 @@ def test_equilibrium_from_a_start_near_a_saddle_is_a_minimum(share):
         assert lowest(shell, answer.positions, problem) > 0
 
 
+@pytest.mark.by_default("0.01", "0.2")
 @pytest.mark.parametrize("push", [0.01, 0.2, 1.0])
 def test_a_single_free_vertex_buckles_too(push):
     """The smallest shell there is, three unknowns: the tip of a kite, pushed in its plane towards the held side."""
@@ -292,6 +294,7 @@ def test_a_single_free_vertex_buckles_too(push):
     assert (abs(answer.positions[3, 2]) > 0.1) == (push > 0.1)
 
 
+@pytest.mark.slow
 def test_the_snap_of_a_fold_ends_in_a_minimum():
     """A V-beam whose fold flattens: no branch leads there, and the answer still balances and is stable."""
     mesh = v_beam(length=1.0, width=0.3, fold=120.0, cells=(16, 6))

@@ -127,6 +127,7 @@ def test_profile_and_sparse_algebra_agree_on_steps_of_many_iterations(monkeypatc
     assert max(iterations for iterations, _ in counts) > 15  # more than mixed Newton alone takes
 
 
+@pytest.mark.slow
 def test_compiled_steps_end_at_minima():
     """Where a flat strip is compressed beyond buckling, the exact Hessian with the inertia is positive definite."""
     shell = held_beam(ms.flat_beam(cells=(8, 3)))

@@ -75,6 +75,7 @@ def test_the_shallow_truss_snaps_through_as_its_closed_form_says():
     assert path.stable[high + 1 :].all()
 
 
+@pytest.mark.slow
 def test_the_steep_truss_buckles_aside_and_its_branch_is_found():
     """Its lateral stiffness falls to zero first: a bifurcation, whose branch leaves the axis of symmetry."""
     height = 3.5

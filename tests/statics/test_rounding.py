@@ -65,6 +65,7 @@ def test_a_steel_strip_that_drops_by_0_389_m_does_so_at_map_coordinates_from_its
     np.testing.assert_allclose(drops, expected.positions - near.rest_positions, rtol=0, atol=3e-9)
 
 
+@pytest.mark.by_default("implicit", "linear_implicit")
 @pytest.mark.parametrize("rule", ["implicit", "linear_implicit", "explicit", "verlet"])
 @pytest.mark.filterwarnings("ignore:the calibration does not hold")
 def test_motion_at_map_coordinates_is_that_at_the_origin(rule):
@@ -207,6 +208,7 @@ def test_an_answer_without_load_is_one_for_those_who_begin_there():
         assert np.abs(again.positions - first.positions).max() < 1e-9
 
 
+@pytest.mark.by_default("False-1.0", "False-1e-06", "True-1e-06")
 @pytest.mark.parametrize("size", [1.0, 1e-6])
 @pytest.mark.parametrize("touching", [False, True])
 def test_without_a_load_shells_come_back_to_rest_in_any_unit_of_length(size, touching):

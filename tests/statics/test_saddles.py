@@ -34,6 +34,7 @@ def twist(shell, positions):
     return abs(positions[tip[0], 2] - positions[tip[-1], 2])
 
 
+@pytest.mark.by_default("30.0")
 @pytest.mark.parametrize("gravity", [30.0, 42.0, pytest.param(44.0, marks=pytest.mark.slow)])
 def test_the_stiff_v_has_a_stable_answer(shell, gravity):
     answer = ms.DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -gravity))
@@ -61,6 +62,7 @@ def test_the_stiff_v_of_the_scene_has_a_stable_answer_at_any_load(gravity):
     check_minimum(fine, ms.DiscreteShell(fine).equilibrium(gravity=(0.0, 0.0, -gravity)), gravity)
 
 
+@pytest.mark.slow
 def test_the_lowest_eigenvalue_is_the_lowest_and_not_the_one_nearest_zero(shell):
     """At the straight saddle one eigenvalue is far below zero, and the one nearest to it is positive."""
     model = ms.DiscreteShell(shell)
@@ -76,6 +78,7 @@ def test_the_lowest_eigenvalue_is_the_lowest_and_not_the_one_nearest_zero(shell)
     assert expected < 0.0
 
 
+@pytest.mark.slow
 def test_a_straight_column_leaves_its_saddle_and_says_so():
     mesh = ms.flat_beam(length=1.0, width=0.1, cells=(20, 2), family="equilateral")
     material = ms.Material.from_physical(young=1e9, poisson=0.0, thickness=1e-2, density=1000.0, mesh=mesh)
@@ -90,6 +93,7 @@ def test_a_straight_column_leaves_its_saddle_and_says_so():
     assert np.abs(answer.positions[tip, 2]).max() > 0.3
 
 
+@pytest.mark.slow
 def test_a_jump_on_the_way_from_rest_is_named():
     """The V-beam whose fold flattens: statics says where its branch ends, as the path of equilibria does."""
     mesh = ms.v_beam(length=1.0, width=0.2, fold=150.0, cells=(20, 4))
@@ -114,6 +118,7 @@ def test_a_thin_fold_that_crumples_at_its_clamp_comes_to_rest():
     assert answer.positions[:, 2].min() < -0.7
 
 
+@pytest.mark.by_default("0.8-coarse DS", "0.8-MD-ROM")
 @pytest.mark.parametrize("kind", ["coarse DS", "MD-ROM"])
 @pytest.mark.parametrize("speed", [0.8, 1.2])
 def test_reduced_models_tell_a_saddle_of_a_turning_frame(kind, speed):

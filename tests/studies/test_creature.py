@@ -64,6 +64,7 @@ def volume(mesh):
     return np.einsum("ij,ij->", first, np.cross(second, third)) / 6.0
 
 
+@pytest.mark.slow
 def test_file(creature):
     assert FILE.stat().st_size < 1_000_000
     assert 12_500 <= len(creature.vertices) <= 13_500

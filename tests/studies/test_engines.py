@@ -19,7 +19,7 @@ def test_an_exact_answer_has_no_error():
     assert scene.error(exact, 2) > 0.1
 
 
-@pytest.mark.by_default("strip")
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [engines.strip, engines.swept, engines.cloth])
 def test_the_shells_of_this_package_are_near_the_truth(make):
     row = engines.ours(make(True), "ds")

@@ -70,6 +70,7 @@ def check(name, findings, folder=GOLDEN, *, accept=False):
     )
 
 
+@pytest.mark.by_default("v_beam_accuracy")
 @pytest.mark.parametrize("name", studies())
 def test_golden_numbers(name, quick_study, request):
     findings = StudyResult.load(quick_study(name), name).findings

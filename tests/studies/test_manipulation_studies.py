@@ -55,6 +55,7 @@ def test_discrete_shells_answer_positions_only(beam):
 # ---- Fig. 8 ----
 
 
+@pytest.mark.slow
 def test_skeleton_keeps_its_bones_and_its_planted_feet(dancer):
     assert len(dancer.rest) >= 12
     assert dancer.duration >= 6.0

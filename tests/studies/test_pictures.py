@@ -57,7 +57,7 @@ def test_most_pictures_are_drawn_here():
     assert len(DRAWN) > 18
 
 
-@pytest.mark.by_default("identification")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "figure", [pytest.param(name, marks=[] if name in QUICK else [pytest.mark.slow]) for name in DRAWN]
 )

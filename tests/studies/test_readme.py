@@ -10,6 +10,7 @@ from studies.pages import committed, markdown
 from studies.reproduce import studies
 
 
+@pytest.mark.slow
 def test_readme_is_what_the_command_writes():
     written = (readme.FOLDER / "README.md").read_text(encoding="utf-8")
     assert written == readme.page(), "a page, a picture or a finding has changed: python -m studies.readme"

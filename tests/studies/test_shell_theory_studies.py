@@ -121,6 +121,7 @@ def test_twelve_modes_of_plates(supports, family):
     np.testing.assert_allclose(found[:7], exact[:7], rtol=0.004)
 
 
+@pytest.mark.slow
 def test_a_plate_with_the_hinges_own_poisson_ratio_has_their_frequencies():
     """Hinges of equilateral triangles are the plate of Poisson's ratio -1/3, and the matching finds its order again."""
     exact, shapes = plate_frequencies.ritz(False, -1.0 / 3.0)

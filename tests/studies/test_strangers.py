@@ -61,6 +61,7 @@ def test_items_are_spread_evenly():
     assert strangers.spread(range(11), 3) == [0, 5, 10]
 
 
+@pytest.mark.slow
 def test_generated_shapes_are_written_as_they_are(tmp_path):
     found = strangers.generated(tmp_path, 99, only="trimesh")
     assert len(found) >= 10

@@ -85,6 +85,7 @@ def numbers(matrix):
     return np.array(matrix.evalf(30), dtype=float)
 
 
+@pytest.mark.slow
 def test_the_stiffness_of_one_triangle():
     mesh = flat_mesh(corners_and_across()[0], [[0, 1, 2]])
     single = np.array([[0, -1]]), np.zeros((1, 2), dtype=np.int64)

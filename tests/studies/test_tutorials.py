@@ -32,7 +32,7 @@ def test_every_tutorial_is_run():
     assert {path.stem for path in FOLDER.glob("*.py")} - {"__init__"} == set(PROMISES)
 
 
-@pytest.mark.by_default("snap")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in PROMISES])
 def test_a_tutorial_runs(name, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
@@ -74,6 +74,7 @@ def test_the_notebooks_are_those_of_the_scripts():
     assert size < 1_000_000
 
 
+@pytest.mark.slow
 def test_a_notebook_has_what_its_cells_print_and_shows_what_they_draw(tmp_path):
     from matplotlib.image import imread
 

@@ -37,7 +37,7 @@ def energy(basis, q):
     return float(0.5 * basis.eigenvalues @ q**2)
 
 
-@pytest.mark.by_default("ModalWarping-8.0")
+@pytest.mark.slow
 @pytest.mark.parametrize("gravity", [0.5, 3.0, 8.0])
 @pytest.mark.parametrize("build", [ms.ModalWarping, ms.RotationStrain])
 def test_a_position_that_a_load_reaches_is_met_with_no_more_energy_than_the_load_took(basis, tip, build, gravity):
@@ -112,6 +112,7 @@ def test_the_jacobians_of_patches_are_those_of_the_positions(basis, end):
         assert errors[1] < 1e-15 or np.log10(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.1)
 
 
+@pytest.mark.slow
 def test_targets_out_of_reach_are_reported_and_shake_nothing(basis, tip):
     model = ms.ModalWarping(basis)
     target = [1.5, 0.0, 0.0]
@@ -126,6 +127,7 @@ def test_targets_out_of_reach_are_reported_and_shake_nothing(basis, tip):
     assert run.energies[:, 1].max() < energy(basis, reachable.coordinates)
 
 
+@pytest.mark.slow
 def test_what_linear_modes_do_not_reach_is_left_alone_however_the_scene_lies():
     """A turned sheet's derivatives along itself are rounding, which neither rates nor reactions may divide by."""
     mesh, found = ms.flat_beam(length=0.5, width=0.2, cells=(8, 4)), []
@@ -160,6 +162,7 @@ def test_what_a_constraint_may_miss_is_a_share_of_the_shell(scale):
     assert statuses == ["constraints missed", "completed"]
 
 
+@pytest.mark.slow
 def test_a_moving_target_is_followed(basis, tip):
     rest = basis.shell.rest_positions[tip]
 
@@ -294,6 +297,7 @@ def test_bad_constraints_are_refused_before_any_step(shell, basis, tip):
 vectors = st.lists(st.floats(-20, 20), min_size=3, max_size=3).map(np.array)
 
 
+@pytest.mark.slow
 @given(vectors, vectors)
 @settings(max_examples=60, deadline=None)
 def test_the_nearest_branch_is_the_same_rotation_and_none_is_nearer(vector, present):
@@ -322,6 +326,7 @@ def test_linear_constraints_give_the_least_work(seed):
     )
 
 
+@pytest.mark.by_default("LinearModal", "ModalWarping")
 @pytest.mark.parametrize("model", [ms.LinearModal, ms.ModalWarping, ms.RotationStrain])
 def test_a_few_evaluations_meet_targets_that_modes_reach(monkeypatch, basis, tip, model):
     """They were met from soft to hard, and searches went on from points that were minima: 20 to 120 a step."""
@@ -410,7 +415,7 @@ def test_a_row_turned_about_its_own_line_turns_the_surface():
     assert shell.energy(answer.positions) == pytest.approx(circle, rel=0.03)  # the last cell is rigid
 
 
-@pytest.mark.by_default("ModalWarping-exponential")
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", ["exponential", "implicit_midpoint"])
 @pytest.mark.parametrize("build", [ms.ModalWarping, ms.RotationStrain])
 def test_a_damped_motion_under_constraints_comes_to_rest_where_statics_is(shell, basis, tip, build, integrator):

@@ -64,6 +64,7 @@ def whole_and_half(material):
     return dataclasses.replace(all_modes, eigenvalues=all_modes.eigenvalues[same], **picked), part, numbers
 
 
+@pytest.mark.by_default("hinges")
 @pytest.mark.parametrize("material", [ISOTROPIC, HINGES], ids=["split folds", "hinges"])
 def test_half_of_a_symmetric_shell_moves_as_the_whole_on_every_rung(material):
     whole, part, numbers = whole_and_half(material)
@@ -88,6 +89,7 @@ def test_reduced_energy_of_half_a_shell_is_stress_free_in_its_plane():
     assert np.abs(answer.positions[np.abs(part.shell.rest_positions[:, 1]) < 1e-9][:, 1]).max() < 1e-12
 
 
+@pytest.mark.slow
 def test_moving_supports_carry_planes_and_rollers_with_them():
     """In the frame of the supports, to the second order of the step what held vertices do in the world."""
     whole, part, numbers = whole_and_half(ISOTROPIC)
@@ -104,6 +106,7 @@ def test_moving_supports_carry_planes_and_rollers_with_them():
     assert errors[0] < 0.1 * np.abs(expected.positions[-1] - whole.shell.rest_positions).max()
 
 
+@pytest.mark.slow
 def test_constraints_and_moving_supports_meet_on_a_sliding_shell():
     mesh = sheet(cells=(5, 5), family="delaunay")
     x, y, _ = mesh.vertices.T

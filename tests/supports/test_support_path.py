@@ -145,6 +145,7 @@ def test_held_vertices_follow_the_path():
             np.testing.assert_allclose(frame[shell.clamped], expected, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_loads_of_time_keep_their_direction_where_supports_of_single_components_turn():
     mesh = ms.flat_beam(length=1.0, width=0.2, cells=(10, 2))
     x = mesh.vertices[:, 0]
@@ -161,6 +162,7 @@ def test_loads_of_time_keep_their_direction_where_supports_of_single_components_
     np.testing.assert_allclose(live, dead, rtol=0.0, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_explicit_steps_follow_the_path_too():
     shell = strip()
     supports = ms.SupportPath.from_function(lambda t: ([0, 0, 0.05 * smooth(t, 0.1)], [0, 0, 0]), 0.1, step=0.005)
@@ -260,6 +262,7 @@ def errors_led_by(path, model):
     return errors, [runs[n].step_error for n in (60, 120)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rung", [ms.LinearModal, ms.RotationStrain])
 def test_supports_that_set_off_and_stop_in_a_frame_keep_steps_of_second_order(rung):
     """Accelerations jump there: steps on one side that felt all of it were of first order, and did not say so."""
@@ -288,7 +291,7 @@ def test_accelerations_have_two_sides_where_a_path_begins_and_ends():
         begun.at(0.2, "left")
 
 
-@pytest.mark.by_default("bdf2")
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", ["bdf2", "composite"])
 def test_implicit_steps_in_the_frame_feel_the_side_of_a_jump_that_is_theirs(integrator):
     """Of first order, and 8 and 30 times as far off, with all of the acceleration at both ends of a path."""

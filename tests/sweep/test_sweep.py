@@ -100,6 +100,7 @@ def test_workers_find_the_same_bits(swept, tmp_path):
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("here")
 def test_a_restart_does_what_is_missing_alone(swept, tmp_path):
     file, folder = copied(swept, tmp_path)
@@ -148,6 +149,7 @@ def test_scenes_that_cannot_be_solved_are_results(write, tmp_path):
     assert (again.computed, again.rows) == (0, result.rows)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("here")
 def test_motions_are_summed_up(write, tmp_path):
     motion = "[motion]\nduration = 1.2\ndt = 0.02\ndamping = [0.5, 0.0]\nstore_every = 2\n"
@@ -285,6 +287,7 @@ def test_parquet_without_pyarrow_is_refused_before_any_work(write, tmp_path, mon
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_equilibria_say_their_error_bars(tmp_path, here):  # noqa: ARG001 (computed in this process)
     (tmp_path / "base.toml").write_text("bar = true\n" + LOADED_BEAM)
     file = tmp_path / "beams.toml"
@@ -308,6 +311,7 @@ def test_units_of_axes_within_lists():
     assert [row["unit"] for row in rows] == ["MPa", "N", "mm/s^2", "mm", "N", "t/mm^2", "N mm"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("here")
 def test_units_that_differ_from_case_to_case(tmp_path):
     """An axis of units, and one of whole materials in a scene that has none: each column names all of its units."""

@@ -138,6 +138,7 @@ def test_bad_scene_references_are_refused(tmp_path):
             load_sweep(tmp_path / "s.toml")
 
 
+@pytest.mark.slow
 def test_digests_follow_what_decides_the_result_alone(write, tmp_path):
     def digests(axes=SWEEP_AXES, scene=LOADED_BEAM):
         return [case.digest for case in Plan(load_sweep(write(axes, scene=scene))).cases]

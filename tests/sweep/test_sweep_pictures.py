@@ -47,6 +47,7 @@ def test_pictures(tmp_path, monkeypatch, axes, kind):
         assert sum(len(curve.x) for panel in drawn[0][1] for curve in panel.curves) == count - 1
 
 
+@pytest.mark.slow
 def test_long_names_of_curves_are_whole(tmp_path):
     """Those below the axes were cut at both borders."""
     from matplotlib.image import imread

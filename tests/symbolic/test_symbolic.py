@@ -1,11 +1,7 @@
 """The generator of the kernels: what is committed is what it writes, and what it derives is right."""
 
 import ast
-import json
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -44,21 +40,10 @@ def committed():
 
 
 def test_committed_files_are_what_the_generator_writes(tmp_path):
-    """In this process, whose hash seed is another in each."""
+    """In this process, whose hash seed is another in each; tests/test_documents.py writes them with one seed."""
     paths = generator.write(tmp_path / "fresh")
     assert {path.name for path in paths} == {"__init__.py", "stretch.py", "shear.py", "flexure.py"}
     assert {path.name: path.read_bytes() for path in paths} == committed()
-
-
-@pytest.mark.slow
-def test_generation_does_not_depend_on_the_hash_seed():
-    code = "import json\nfrom modalshell.symbolic.generator import generate_all\nprint(json.dumps(generate_all()))"
-    environment = os.environ | {"PYTHONHASHSEED": "4242"}
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=REPOSITORY, env=environment, capture_output=True, text=True, check=True
-    )
-    fresh = json.loads(done.stdout)
-    assert {name: source.encode("utf-8") for name, source in fresh.items()} == committed()
 
 
 @pytest.mark.by_default("stretch-1", "shear-0")
@@ -82,7 +67,7 @@ def test_fold_angle_is_the_atan2_of_the_paper(all_energies):
         assert abs(evaluated(energy.measure - textbook, point)) < sp.Float(10) ** (4 - DIGITS)
 
 
-@pytest.mark.by_default("stretch", "shear")
+@pytest.mark.by_default("shear")
 @pytest.mark.parametrize("name", NAMES)
 def test_second_derivatives_are_symmetric(all_energies, name):
     energy = all_energies[name]
@@ -97,7 +82,7 @@ def test_second_derivatives_are_symmetric(all_energies, name):
             assert abs(packed - mirror) <= sp.Float(10) ** (5 - DIGITS) * (1 + abs(mirror))
 
 
-@pytest.mark.by_default("stretch-0", "shear-0")
+@pytest.mark.by_default("shear-0")
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", NAMES)
 def test_split_of_the_second_variation_adds_up(all_energies, name, seed):

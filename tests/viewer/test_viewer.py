@@ -56,6 +56,7 @@ def test_session_follows_the_scene_frame_by_frame(scene_file, more):
 FLOOR = '[[contacts]]\nkind = "plane"\nnormal = [0, 0, 1]\noffset = -0.04\nfriction = 0.2\n'
 
 
+@pytest.mark.by_default("free")
 @pytest.mark.parametrize("more", ["", FLOOR], ids=["free", "on a floor"])
 def test_bars_of_a_scene_that_asks_for_them_are_those_of_its_run(scene_file, tmp_path, more):
     model = [("mwts", "ds")] if more else []
@@ -75,7 +76,7 @@ def test_bars_of_a_scene_that_asks_for_them_are_those_of_its_run(scene_file, tmp
     assert "from DS" not in said[5]
 
 
-@pytest.mark.by_default("200.0")
+@pytest.mark.slow
 @pytest.mark.parametrize("far", [0.0, 200.0])
 def test_live_bars_of_a_shell_far_away_are_those_of_its_run(far):
     mesh = ms.flat_beam(length=1.0, width=0.2, cells=(8, 2))
@@ -446,6 +447,7 @@ def test_a_still_scene_moves_in_real_time_in_its_own_units(scene_file):
     assert "diverged at t = 100 ms" in session.note
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("opengl")
 def test_the_arrow_of_gravity_is_as_long_in_all_units(scene_file):
     from modalshell.viewer.desktop import DesktopViewer
