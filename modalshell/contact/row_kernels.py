@@ -7,7 +7,6 @@ from modalshell.contact.gap_kernels import gap_and_normal
 from modalshell.contact.modal_kernels import LOADED, local_at, residual_compliance, response, turned
 from modalshell.kernels.compiler import njit
 from modalshell.kernels.frame import add_lines
-from modalshell.kernels.packed import dot
 from modalshell.kernels.rotations import coefficients
 
 PASSES = 12
@@ -140,7 +139,7 @@ def row_end(problem, forces, free, accuracy, symmetric, out):  # type: ignore[no
 def row_solved(problem, forces, free, out):  # type: ignore[no-untyped-def]
     """What :func:`row_end` tells of the forces (k,) that solve a problem."""
     columns, beyond, softened, offset, own = problem
-    (q, pushes, expected), energy, flat = out, 0.0, beyond.reshape(-1)
+    (q, pushes, expected), energy = out, 0.0
     for k in range(q.size):
         q[k] = free[k]
     for i in range(expected.size):
@@ -153,7 +152,7 @@ def row_solved(problem, forces, free, out):  # type: ignore[no-untyped-def]
                 q[k] += softened[j, k] * forces[j]
             for i in range(forces.size):
                 expected[i] += columns[j, i] * forces[j]
-            energy += 0.5 * forces[j] * dot(flat, j * forces.size, forces, 0, forces.size)
+                energy += 0.5 * forces[j] * beyond[j, i] * forces[i]
     return energy
 
 

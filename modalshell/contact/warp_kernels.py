@@ -34,7 +34,14 @@ _plain = njit(**_options)
 @_plain
 def combined(parts, q, out):  # type: ignore[no-untyped-def]
     """Displacements or turns ``out`` (3, k) at q of vertices with ``parts`` (m, 3, k) in each mode."""
-    add_lines(parts.reshape(q.size, out.size), q, q[:0], out.reshape(-1))
+    for axis in range(3):
+        row = out[axis]
+        for i in range(row.size):
+            row[i] = 0.0
+        for mode in range(q.size):
+            part, amount = parts[mode, axis], q[mode]
+            for i in range(row.size):
+                row[i] += amount * part[i]
 
 
 @_plain

@@ -125,17 +125,17 @@ class RotationStrain(TurnedTriangles):
         return None if self._fit.coupled or self._fit.floating else partial(self._stay, adjoint)
 
     def _stay(self, adjoint: LoadAdjoint, vertices: Index, *given: Any) -> tuple[float, bool, Any]:
-        """A step in which vertices (k,) stay pushed; see :func:`stay_twice`: ``rows`` to ``out`` are ``given``."""
+        """A step in which vertices (k,) stay pushed; see :func:`stay_twice`, whose ``rows`` and on are ``given``."""
         from modalshell.models.reduction.rotation_strain_stay import stay_twice  # not without contacts
 
-        *rest, out = given
-        right, at_rest = np.empty((self._fit.rows, 3)), self.shell.rest_positions
-        work = adjoint.gradients, adjoint.constant
+        rows, step, state, *rest = given
+        right = np.empty((self._fit.rows, 3))
+        at_rest, work = self.shell.rest_positions[vertices], (adjoint.gradients, adjoint.constant)
         fit = self._modal, self._shape, self._corners, *self._by_triangle, self._green_of(vertices), at_rest
-        energy, stays, read, arrived = stay_twice(fit, work, *rest, (*out, right))
+        energy, stays, read, arrived = stay_twice(fit, work, rows, step, (*state, right), *rest)
         count_read(read * (self._modal.nbytes + self._shape.nbytes) + 2 * (self._modal.nbytes + work[0].nbytes))
         if stays:
-            self._spread = out[0][0].tobytes(), right
+            self._spread = state[0].tobytes(), right
         return energy, stays, arrived
 
     def _green_of(self, vertices: Index) -> Array:

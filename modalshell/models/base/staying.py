@@ -234,12 +234,8 @@ class StayingRows(Staying):
     def begin(self, before: Pressed) -> None:
         """See :meth:`Staying.begin`."""
         self._rows, self._state = np.flatnonzero(before.pushes), before
-
-    def _look_alone(self) -> None:
-        """Take the state of the pushed vertices alone, where these are looked at so."""
-        before, base = self._state, self._state.positions
         if self._pressing.by_rows.alone:
-            vertices = self._pressing.touching.vertices[self._rows]
+            vertices, base = self._pressing.touching.vertices[self._rows], before.positions
             assert base is not None
             self._state = before._replace(
                 local=before.local[vertices], pushes=before.pushes[self._rows], positions=base[vertices]
@@ -261,31 +257,30 @@ class StayingRows(Staying):
         """See :meth:`Staying._twice`; in one call on colliders at rest where the force has one."""
         pressing, found, stay = self._pressing, self._state, dead.stay
         if stay is None or pressing.moving or not (pressing.by_rows.alone and len(pressing.spins.spin)):
-            self._look_alone()
             return super()._twice(begin, dead, when, compliance)
         (q, rates), key, size = begin, (pressing.shapes.begun, self._rows.tobytes()), pressing.touching.size
-        count = self._rows.size
         if self._kept[0] != key:
-            derived = np.full(q.size, np.nan), np.empty((count, len(pressing.directions), q.size))
+            derived = np.full(q.size, np.nan), np.empty((self._rows.size, len(pressing.directions), q.size))
             self._kept = key, self._read_of(q), derived
         at = np.full(q.size, np.nan) if found.at is None else found.at.copy()
         step = q, rates, compliance, self._eigenvalues, when[1], GAMMA
-        ends, force, forces = np.empty((2, q.size)), np.empty(q.size), np.empty(count)
-        self._turned = np.empty((count, 3))
-        before = found.pushes, found.local, found.positions, self._rows
+        assert found.positions is not None
+        state = q.copy(), found.pushes, found.local, found.positions, np.empty(found.local.shape)
         limits = STILL * size, SETTLED * size, FAR * size, pressing.reach
-        given = step, before, (at, *self._kept[2]), limits, (ends, force, forces, self._turned)
+        ends, force = np.empty((2, q.size)), np.empty(q.size)
+        given = step, state, (at, *self._kept[2]), limits, (ends, force)
         energy, stays, arrived = stay(*self._kept[1], *given)
         if not stays:
             return None
-        self._state = Pressed(ends[0], found.local, forces, True, None, energy, at)
+        end, forces, local, points, self._turned = state
+        self._state = Pressed(end, local, forces, True, points, energy, at)
         return Parts(ends[1], force, 0.0, *arrived)
 
     def _read_of(self, q: Array) -> tuple[Index, Any]:
         """Vertices (k,) of the rows, and these as of :func:`stay_twice`."""
         pressing, rows = self._pressing, self._rows
         vertices, contact_of = pressing.touching.vertices[rows], pressing.touching.contact_of[rows]
-        place = vertices, contact_of, pressing.shapes.between(vertices)[1]
+        place = np.arange(rows.size), contact_of, pressing.shapes.between(vertices)[1]
         return vertices, (pressing.bodies, pressing.directions, place, pressing.spins.parts(q, vertices))
 
     def now(self) -> tuple[Index, Array, Array]:

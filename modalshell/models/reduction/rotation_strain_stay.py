@@ -10,7 +10,7 @@ from modalshell.contact.complementarity import factorise, substitute
 from modalshell.contact.modal_kernels import arrive, go_on, implicit_euler, reach_of
 from modalshell.contact.row_kernels import CORRECTIONS, PASSES, row_begin, row_ended, row_reached, row_solved
 from modalshell.kernels.compiler import UNCOUNTED, njit
-from modalshell.kernels.packed import LANES, load, load_first, store, total
+from modalshell.kernels.packed import LANES, dot, load, store
 from modalshell.kernels.packed import spread as spread_number
 from modalshell.models.reduction.rotation_strain_kernels import WORK, potential, spread, spread_rows
 
@@ -24,22 +24,6 @@ def _copy(values, out):  # type: ignore[no-untyped-def]
         out[i] = values[i]
 
 
-@njit(error_model="numpy", fastmath={"contract", "nsz"}, **UNCOUNTED)
-def _three_dots(a, i, b, count):  # type: ignore[no-untyped-def]
-    """As of :func:`dot`, of numbers from ``i`` on with three rows of ``b``: no sum waits for another."""
-    x, y, z, whole = spread_number(0.0), spread_number(0.0), spread_number(0.0), count // LANES * LANES
-    for k in range(0, whole, LANES):
-        own = load(a, i + k)
-        x, y, z = x + own * load(b, k), y + own * load(b, count + k), z + own * load(b, 2 * count + k)
-    if whole < count:
-        left = count - whole
-        own = load_first(a, i + whole, left)
-        x = x + own * load_first(b, whole, left)
-        y = y + own * load_first(b, count + whole, left)
-        z = z + own * load_first(b, 2 * count + whole, left)
-    return total(x), total(y), total(z)
-
-
 @_kernel
 def _points(fit, right, points):  # type: ignore[no-untyped-def]
     """Positions (k, 3) [m] of the pushed vertices by the fit's right side (N + 1, 3)."""
@@ -50,8 +34,8 @@ def _points(fit, right, points):  # type: ignore[no-untyped-def]
         for row in range(rows):
             turned[axis * rows + row] = right[row, axis]
     for i in range(points.shape[0]):
-        x, y, z = _three_dots(flat, i * rows, turned, rows)
-        points[i, 0], points[i, 1], points[i, 2] = rest[i, 0] + x, rest[i, 1] + y, rest[i, 2] + z
+        for axis in range(3):
+            points[i, axis] = rest[i, axis] + dot(flat, i * rows, turned, axis * rows, rows)
 
 
 @_kernel
@@ -87,10 +71,8 @@ def _moves(fit, directions, q, moves, right_side):  # type: ignore[no-untyped-de
 def _stay(fit, rows, part, state, derivatives, limits):  # type: ignore[no-untyped-def]
     """End of a part of a step, in place of its beginning in ``state``; energy [J] beyond the modes, whether all stay.
 
-    ``part`` are coordinates without contacts and G, (m,) each, and where the shell would go by its rates; ``state`` are
-    coordinates (m,), forces (k,) [N], displacements beyond the modes and positions without these (k, 3) [m]; and forces
-    (k, 3) [N] in the axes at rest and the fit's right side (N + 1, 3), which are written. The rest is as of
-    :func:`stay_twice`, of the pushed alone; also returned is how often all triangles were read.
+    ``part`` are coordinates without contacts and G, (m,) each, and where the shell would go by its rates. The rest is
+    as of :func:`stay_twice`; also returned is how often all triangles were read.
     """
     bodies, directions, place, turning = rows
     vertices, contact_of, between = place
@@ -153,55 +135,33 @@ def _stay(fit, rows, part, state, derivatives, limits):  # type: ignore[no-untyp
 
 
 @_kernel
-def _begun(fit, rows, before, q, out):  # type: ignore[no-untyped-def]
-    """Of the pushed alone, what :func:`_stay` reads of the fit and the colliders, and its state at coordinates (m,)."""
-    pushes, shape, base, chosen = before
-    forces, turned, right = out
-    bodies, directions, (vertices, contact_of, between), turning = rows
-    count, own = vertices.size, np.empty(vertices.size, np.int64)
-    triples, begin = np.empty((3, count, 3)), np.empty(q.size)
-    at_rest, local, points = triples[0], triples[1], triples[2]
-    for i in range(count):
-        v, own[i], forces[i] = vertices[i], i, pushes[chosen[i]]
-        for axis in range(3):
-            at_rest[i, axis], local[i, axis], points[i, axis] = fit[6][v, axis], shape[v, axis], base[v, axis]
-    _copy(q, begin)
-    modal, sides, corners, columns, slots, green, _ = fit
-    place = own, contact_of, between
-    return (
-        (modal, sides, corners, columns, slots, green, at_rest),
-        (bodies, directions, place, turning),
-        (begin, forces, local, points, turned, right),
-    )
-
-
-@_kernel
-def stay_twice(fit, work, rows, step, before, derivatives, limits, out):  # type: ignore[no-untyped-def]
+def stay_twice(fit, work, rows, step, state, derivatives, limits, out):  # type: ignore[no-untyped-def]
     """Both parts of a step of SDIRK2 in which all of some vertices stay pushed.
 
     Parameters
     ----------
     fit : tuple
         Modal data, shapes and corners of the triangles as of :func:`spread`, turns and strains and rows as of
-        :func:`spread_rows`; displacements (k, N) of the pushed per unit of each row, and positions (n, 3) [m] at rest.
+        :func:`spread_rows`; displacements (k, N) of the vertices per unit of each row, and their positions (k, 3) [m]
+        at rest.
     work : tuple
         A load's adjoint gradients as of :func:`potential`, and the part (m,) of its force that stays.
     rows : tuple
-        Colliders, directions (d, 3) of their normals; the pushed vertices (k,), contacts (k,) and shapes (3, 3, k, k)
-        between them; and their turns, as of :func:`row_begin`.
+        Colliders, directions (d, 3) of their normals; of the pushed, the numbers 0 to k - 1, contacts (k,) and shapes
+        (3, 3, k, k) between them; and their turns, as of :func:`row_begin`.
     step : tuple
         Coordinates and rates (m,), G of a part (m,), stiffness of the modes (m,), how long it is [s], and gamma.
-    before : tuple
-        Forces (r,) [N], displacements beyond the modes and positions without these (n, 3) [m] at the beginning; and the
-        rows (k,) that are pushed.
+    state : tuple
+        Coordinates (m,), forces (k,) [N], displacements beyond the modes and positions without these (k, 3) [m] at the
+        beginning, which become those at the end; forces (k, 3) [N] there in the axes at rest, and the fit's right side
+        (N + 1, 3), which are written.
     derivatives : tuple
         Coordinates (m,) near which derivatives serve, those of the derivatives that are known, and these (k, d, m).
     limits : tuple
         Moves [m] within which derivatives are kept, gap that is none, move of a good linearisation, and how far (m,)
         [m] each coordinate may move a vertex.
-    out : tuple
-        Coordinates and rates (2, m) at the end, the modal force (m,) of the second part, forces (k,) [N] at the end and
-        (k, 3) in the axes at rest, and the fit's right side (N + 1, 3) there.
+    out : ndarray
+        Coordinates and rates (2, m) at the end, and the modal force (m,) of the second part.
 
     Returns
     -------
@@ -210,9 +170,8 @@ def stay_twice(fit, work, rows, step, before, derivatives, limits, out):  # type
         what :func:`arrive` returns.
     """
     q, rates, compliance, eigenvalues, dt, gamma = step
-    ends, force = out[0], out[1]
+    ends, force = out
     begun, half, parts, read = np.empty((4, q.size)), np.empty(q.size), np.empty((3, q.size)), 0
-    of_pushed, colliders, state = _begun(fit, rows, before, q, (out[2], out[3], out[4]))
     for k in range(q.size):
         begun[0, k], begun[1, k], begun[3, k] = q[k], rates[k], q[k] + gamma * dt * rates[k]
     for turn in range(2):
@@ -220,7 +179,7 @@ def stay_twice(fit, work, rows, step, before, derivatives, limits, out):  # type
         potential(fit[0], work[0], begun[3], np.empty(WORK), force)
         implicit_euler(begun[0], begun[1], force, compliance, eigenvalues, gamma * dt, parts)
         part = parts[0], compliance, parts[2]
-        energy, stays, times = _stay(of_pushed, colliders, part, state, derivatives, limits)
+        energy, stays, times = _stay(fit, rows, part, state, derivatives, limits)
         read += times
         if not stays:
             return energy, False, read, (0.0, (0.0, 0.0), (0.0, 0.0))
