@@ -25,10 +25,9 @@ from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.free_statics import balanced, goes_along, pushed_share, refuse_drifting
 from modalshell.models.base.full_stepper import FullStepper
 from modalshell.models.base.model import RIGID_LOAD, Model
-from modalshell.models.base.sensitivity import checked_names, checked_state, checked_weights
+from modalshell.models.base.sensitivity import Tangent, checked_names, checked_state, checked_weights
 from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import Stepper
-from modalshell.models.base.tangent import Tangent
 from modalshell.modes import Factoriser, TangentStiffness, largest_eigenvalue, lowest_tangent_eigenvalue
 from modalshell.modes.rigid import left_free
 from modalshell.shell import EXACT, Shell

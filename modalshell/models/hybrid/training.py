@@ -12,12 +12,11 @@ import numpy as np
 from modalshell.core.checks import checked_count, checked_number
 from modalshell.core.errors import ModalShellWarning, OptionError, SolverError
 from modalshell.core.typing import Array, Index, Progress
-from modalshell.integrators.free_parts import FreeParts
+from modalshell.integrators.free_parts import FittedFrames, FreeParts
 from modalshell.integrators.full import BDF2
 from modalshell.integrators.full.implicit_rule import EulerStart, EulerSteps
 from modalshell.integrators.state import MotionState
 from modalshell.kernels.rotations import largest_turn
-from modalshell.models.base.fitted_frames import FittedFrames
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.hybrid.assumed_stress import (
     ReducedStress,
