@@ -39,14 +39,8 @@ def shell_at(shell: Shell, run: Trajectory, frame: int) -> Shell:
 def with_fields(run: Trajectory, shell: Shell, names: Sequence[str], supports: SupportPath | None = None) -> Trajectory:
     """The motion with further fields of the shell, of :data:`modalshell.shell.fields.FIELDS`, in every frame.
 
-    Edges are clamped in the frame of the ``supports``, which have moved.
-
-    Raises
-    ------
-    OptionError
-        For another name, or one that needs a thickness which the material has not.
-    LoadError
-        If a triangle has collapsed in a frame.
+    Edges are clamped in the frame of the ``supports``, which have moved. OptionError for another name, or one that
+    needs a thickness which the material has not. LoadError if a triangle has collapsed in a frame.
     """
     missing = [name for name in checked_fields(names, shell) if name not in run.fields]
     if not missing:

@@ -45,6 +45,8 @@ def recorded(
 ) -> dict[str, Any]:
     """The frames ``rest + sum_k amplitudes[f, k] shapes[k]`` as a page reads them.
 
+    OptionError if there are more shapes than a browser's shader takes.
+
     Parameters
     ----------
     times : ndarray, shape (F,)
@@ -59,11 +61,6 @@ def recorded(
         Field that colours the shell.
     bars : Bars, optional
         Error bars that the page shows next to the time, each from its check on.
-
-    Raises
-    ------
-    OptionError
-        If there are more shapes than a browser's shader takes.
     """
     if len(shapes) > MOST_SHAPES:
         raise OptionError(f"a page takes at most {MOST_SHAPES} shapes (got {len(shapes)}): store fewer frames")

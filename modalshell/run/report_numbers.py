@@ -50,12 +50,7 @@ def has_reactions(scene: ShellScene) -> bool:
 def checked_run(scene: ShellScene, shell: Shell, record: Path) -> dict[str, Any]:
     """The record of a run, which must be of this scene and mesh.
 
-    Raises
-    ------
-    FileFormatError
-        If there is no record.
-    OptionError
-        If the run is of another scene or mesh.
+    FileFormatError if there is no record. OptionError if the run is of another scene or mesh.
     """
     found = read_record(record)
     if found is None:

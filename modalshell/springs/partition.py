@@ -49,14 +49,8 @@ def rank_block(springs: Springs, count: int, size: int, rank: int) -> RankBlock:
     """The part of ``rank`` among ``size`` of ``count`` particles; each rank gets the same number, or one more.
 
     The particles are renumbered by reverse Cuthill-McKee, which keeps neighbours together, and cut into runs: on a
-    sheet into strips. A single rank has them all.
-
-    Raises
-    ------
-    OptionError
-        For more ranks than particles.
-    MeshError
-        For springs that name particles beyond ``count``.
+    sheet into strips. A single rank has them all. OptionError for more ranks than particles. MeshError for springs that
+    name particles beyond ``count``.
     """
     if size > count:
         raise OptionError(f"there are more ranks than particles (got {size} and {count}); start fewer ranks")

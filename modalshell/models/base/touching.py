@@ -157,13 +157,8 @@ def equilibrium_on_contacts(
 
     With friction the load grows in steps from rest, but comes at once where there is a start. Where Newton's method
     fails from rest, it begins again at a ``guess`` (n, 3) in the world. Patches under constraints are led to their
-    targets, with friction once the load is there.
-
-    Raises
-    ------
-    OptionError
-        For what is no contact, for constraints with self-contact, or that lead into a collider, self-contact with
-        friction, or a start inside a collider.
+    targets, with friction once the load is there. OptionError for what is no contact, for constraints with
+    self-contact, or that lead into a collider, self-contact with friction, or a start inside a collider.
     """
     given, own, rubs = _checked(contacts, constraints)
     steps, before, shell = LOAD_STEPS if start is None else 1, dict(costs), problem.shell
