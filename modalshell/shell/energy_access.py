@@ -89,13 +89,19 @@ class EnergyAccess(ReadOnlyArrays, ABC):
         """The same shell with another mesh that its stresses hold in equilibrium, for modes and modal models about it.
 
         The energy stays as it is, and so does what is without stress; displacements count from ``positions``, as loads
-        that follow the rest shape do. OptionError if the shell has creases, whose folds would change with the state.
-        LoadError for positions of the wrong shape or not finite.
+        that follow the rest shape do.
 
         Parameters
         ----------
         positions : array_like, shape (n, 3)
             An equilibrium without load [m], such as that of :class:`DiscreteShell`; :func:`solve_modes` checks it.
+
+        Raises
+        ------
+        OptionError
+            If the shell has creases, whose folds would change with the state.
+        LoadError
+            For positions of the wrong shape or not finite.
         """
         self.refuse_creases("a settled shell")
         other = copy.copy(self)

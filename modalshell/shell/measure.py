@@ -22,9 +22,6 @@ def displacement_error(
 ) -> float:
     """Relative displacement error ``|a - b| / |b - rest|`` (theory 1, eq. 5).
 
-    LoadError for positions of the wrong shape or not finite. OptionError if the reference does not move, so that no
-    relative error exists.
-
     Parameters
     ----------
     positions, reference : array_like, shape (n, 3)
@@ -33,6 +30,13 @@ def displacement_error(
         Gives the rest positions, and the weights: a shell's vertex masses, or a mesh's vertex areas.
     weighted : bool
         Whether to weight vertices (the norm of the mass matrix), or to count every vertex alike.
+
+    Raises
+    ------
+    LoadError
+        For positions of the wrong shape or not finite.
+    OptionError
+        If the reference does not move, so that no relative error exists.
     """
     mesh = shape.mesh if isinstance(shape, Shell) else checked_kind("shape", shape, TriangleMesh)
     a, b = _checked(positions, mesh), _checked(reference, mesh)
@@ -51,9 +55,6 @@ def displacement_error(
 def field(shell: Shell, positions: ArrayLike, name: str) -> Array:
     """Field of a deformed shell, one number per triangle (T,).
 
-    LoadError for positions of the wrong shape or not finite. OptionError for an unknown name, or a field that needs a
-    thickness if the material has none.
-
     Parameters
     ----------
     shell : Shell
@@ -63,6 +64,13 @@ def field(shell: Shell, positions: ArrayLike, name: str) -> Array:
     name : str
         A field of :class:`~modalshell.ShellFields`, such as "curvature" [1/m] or "von_mises" [Pa]; of a tensor its
         principal value of the largest size, with its sign.
+
+    Raises
+    ------
+    LoadError
+        For positions of the wrong shape or not finite.
+    OptionError
+        For an unknown name, or a field that needs a thickness if the material has none.
     """
     return checked_kind("shell", shell, Shell).fields(positions).scalar(name)
 
@@ -79,7 +87,6 @@ def support_reactions(
 
     The sums over the vertices of :meth:`Shell.support_reactions`, in the order of ``shell.supports``: supports that
     hold a vertex along one direction share its force evenly, and a tie passes its own on to those of its vertices.
-    LoadError for arrays of the wrong shape or not finite, or where a triangle has collapsed.
 
     Parameters
     ----------
@@ -89,6 +96,11 @@ def support_reactions(
         Vertex positions in equilibrium [m].
     gravity, force, loads : optional
         The load, as in :meth:`Model.equilibrium`.
+
+    Raises
+    ------
+    LoadError
+        For arrays of the wrong shape or not finite, or where a triangle has collapsed.
     """
     shares = checked_kind("shell", shell, Shell).support_reactions(positions, gravity=gravity, force=force, loads=loads)
     return np.array([share.sum(axis=0) for share in shares]).reshape(-1, 3)
@@ -105,7 +117,7 @@ def gamma_per_gravity(shell: Shell) -> float:
 
     ``Gamma = (weight per length) L^3 / EI``, with the bending stiffness EI of a beam whose free end drops as far: by
     ``Gamma / 8`` of the free length in the linear limit (theory 1, eq. 4). The drop is solved with all unknowns of the
-    shell. OptionError if nothing is clamped, or the vertices of largest x are.
+    shell.
 
     Parameters
     ----------
@@ -116,6 +128,11 @@ def gamma_per_gravity(shell: Shell) -> float:
     -------
     float
         Gamma of a gravity of 1 m/s^2 along -z [s^2/m].
+
+    Raises
+    ------
+    OptionError
+        If nothing is clamped, or the vertices of largest x are.
     """
     x = checked_kind("shell", shell, Shell).rest_positions[:, 0]
     length = x.max() - x[shell.clamped].max(initial=-np.inf)

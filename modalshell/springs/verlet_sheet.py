@@ -97,8 +97,12 @@ class VerletSheet(ABC):
     def step(self, count: int, dt: float) -> None:
         """Take ``count`` steps of ``dt`` [s]; if ``dt`` changes, the velocities are kept.
 
-        OptionError for a step above the stable one, unless ``allow_unstable_step``. SolverError if the masses have left
-        the finite numbers.
+        Raises
+        ------
+        OptionError
+            For a step above the stable one, unless ``allow_unstable_step``.
+        SolverError
+            If the masses have left the finite numbers.
         """
         count, dt = checked_count("count", count), checked_number("dt", dt, above=0.0, unit="s")
         if dt != self._dt:
