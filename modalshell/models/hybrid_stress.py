@@ -323,7 +323,7 @@ class HybridStress(OnCoarse):
     def _solve_touching(
         self, loading: Loading, start: Array | None, contacts: Sequence[Any], constraints: Sequence[Constraint]
     ) -> Equilibrium:
-        from modalshell.models.coarse.contact_statics import equilibrium_or_coarse_contacts  # not without contacts
+        from modalshell.models.coarse.contacts import equilibrium_or_coarse_contacts  # not without contacts
 
         free = partial(self._solve_untouched, loading, start)
         return equilibrium_or_coarse_contacts(self.coarse, free, loading, start, contacts, constraints)

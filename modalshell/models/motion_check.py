@@ -21,7 +21,7 @@ from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 from modalshell.statics.error_bar import ErrorBar, ErrorEstimator, Estimator
 from modalshell.supports import SupportPath
-from modalshell.supports.led import LedVertices
+from modalshell.supports.constraints import LedVertices
 
 if TYPE_CHECKING:
     from modalshell.contact import Contact  # motions without contacts do not import it
