@@ -15,12 +15,11 @@ from modalshell.contact.base import (
     Collider,
     Gap,
     axis_of,
-    direction,
     point,
     rounded_gap,
 )
 from modalshell.contact.surfaces import Surface, ball, square, tube
-from modalshell.core.checks import checked_number, checked_vectors
+from modalshell.core.checks import checked_number, checked_vectors, unit_vector
 from modalshell.core.errors import OptionError
 from modalshell.core.thread_safety import read_only
 from modalshell.core.typing import Array, Vector
@@ -44,7 +43,7 @@ class Plane(Collider, key="plane"):
     """
 
     def __init__(self, normal: Vector = (0.0, 0.0, 1.0), offset: float = 0.0) -> None:
-        self.normal = direction("normal", normal)
+        self.normal = unit_vector("normal", normal, OptionError)
         self.offset = checked_number("offset", offset, unit="m")
 
     def gap(self, x: Array, t: float = 0.0) -> Gap:  # noqa: ARG002 (it rests)

@@ -57,6 +57,8 @@ def solution_by_kept_factor(
 ) -> Array | None:
     """Solution (N,) of ``matrix x = right_side`` by conjugate gradients with the factor of a nearby matrix.
 
+    Returns None where a direction has no or negative curvature, or iterations do not do.
+
     Parameters
     ----------
     kept : Factor
@@ -71,11 +73,6 @@ def solution_by_kept_factor(
     axes : ndarray, shape (3, f, 3), optional
         Where each axis has turned to, since the factor's matrix, with the vertices whose positions are the first
         unknowns: the factor is taken as turned with them.
-
-    Returns
-    -------
-    ndarray or None
-        None where a direction has no or negative curvature, or iterations do not do.
     """
     whole = kept.whole if isinstance(kept, CondensedFactor) else kept
     whole_side = np.zeros(matrix.shape[0])
