@@ -83,7 +83,8 @@ def probe(count: int) -> Array:
 class Begun(NamedTuple):
     """Positions (n, 3) [m] where a step began, its Hessian, and the factor that solved it.
 
-    That is of the Hessian, or where that is ``unstressed``, of the first step's.
+    That is of the Hessian, or where that is ``unstressed``, of the first step's. It saves a factorisation each for the
+    second step of a bar and for the margin.
     """
 
     x: Array
