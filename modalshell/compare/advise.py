@@ -45,8 +45,9 @@ Check = Callable[[float, Array], Array | None]
 def missed_loads(row: Measurement, case: Case, path: LoadPath, error: float) -> list[tuple[float, float]]:
     """Shares of the load, from one to another next to each snap, between which a rung may be more than ``error`` off.
 
-    There it snaps under another load than DS, if only a little, and meets the error where it was measured. From those next to a snap the loads at which it is
-    compared with DS are brought nearer to the snap, by halves of the distance, as far as it meets the error.
+    There it snaps under another load than DS, if only a little, and meets the error where it was measured. From those
+    next to a snap the loads at which it is compared with DS are brought nearer to the snap, by halves of the distance,
+    as far as it meets the error.
     """
     if row.is_truth or row.model is None:
         return []

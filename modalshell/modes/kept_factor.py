@@ -21,7 +21,7 @@ _SERVES = 0.1
 
 @final
 class Krylov:
-    """Orthonormal directions of GMRES [saad1986], the rows (most + 1, N), each of them the next one's image.
+    """Orthonormal directions of GMRES [saad1986], rows (most + 1, N), each of them the next one's image.
 
     The first one (N,) is the image of a solution, of any ``length`` but zero; ``most`` is the number of images at most.
     """
