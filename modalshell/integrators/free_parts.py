@@ -104,7 +104,7 @@ def _anchored(shell: Shell, part: Index | slice) -> bool:
     moved, stretched = rest.copy(), rest.copy()
     moved[part] = rest[part] @ turn_of(np.array([0.4, 0.3, -0.2])).T + shell.size * np.array([0.3, -0.2, 0.1])
     stretched[part] *= _STRETCHED
-    least, rigid, much = (shell.raw_energy(x) for x in (rest, moved, stretched))
+    least, rigid, much = (shell.elastic_energy.energy(x) for x in (rest, moved, stretched))
     return abs(rigid - least) > _ANCHORED * abs(much - least)
 
 

@@ -99,4 +99,4 @@ def _energy_of_rounding(shell: Shell, size: float) -> float:
     """Energy [J] of a shell whose vertices are off their rest by ``size`` [m] in every coordinate, at random."""
     rest = shell.rest_positions
     off = np.random.default_rng(0).choice((-size, size), rest.shape)
-    return shell.raw_energy(rest + off) - shell.raw_energy(rest)
+    return shell.elastic_energy.energy(rest + off) - shell.elastic_energy.energy(rest)

@@ -262,7 +262,7 @@ def _reduce(
     displacements = _evened(moves, np.sqrt(np.repeat(coarse.mass, 3))[:, None] * moves)
     basis = position_modes(coarse, lowest[:, :_LINEAR], displacements, modes, coarse.stiffness())
     stresses = stress_modes(measures, leading, _evened(elastic, measures.scaled(elastic)), modes)
-    energy = max(coarse.raw_energy(frame) for frame in frames[::5])
+    energy = max(coarse.elastic_energy.energy(frame) for frame in frames[::5])
     return Trained(basis, stresses, 0.0, 1.0, energy, ""), reduce_energy(measures, basis, stresses)
 
 
