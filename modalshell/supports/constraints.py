@@ -1,4 +1,4 @@
-"""Manipulation constraints: prescribed position or orientation of a vertex or of a patch of vertices."""
+"""Manipulation constraints: prescribed position or orientation of a vertex or a patch, and vertices that they lead."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Distortion check: whether a deformed surface is within the range of modal models."""
+"""Distortion check: whether a deformed surface is within the range of modal models; and samples that look for them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the hybrid says of its errors: its coarse shell's own against DS, and where none holds, next to a snap."""
+"""Which loads the hybrid hands over, and what it says of its errors: its coarse shell's own, and next to a snap."""
 
 from __future__ import annotations
 
