@@ -42,13 +42,9 @@ UNSEEN, LARGE = 2e-3, 1.0
 def hold_one_end(mesh: ms.TriangleMesh, gravity: Array) -> tuple[NDArray[np.bool_], str]:
     """The end of each part that lies lowest along the longest axis across ``gravity`` (3,): a mask and a description.
 
-    At least one triangle of each part is clamped, and if possible not all vertices of a part.
-
-    Raises
-    ------
-    SupportError
-        If nothing is left to bend, or if more parts or a larger share of the vertices would be held than is likely of a
-        mesh that was not cut into pieces as it was written.
+    At least one triangle of each part is clamped, and if possible not all vertices of a part. SupportError if nothing
+    is left to bend, or if more parts or a larger share of the vertices would be held than is likely of a mesh that was
+    not cut into pieces as it was written.
     """
     axis = _axis_across(mesh, gravity)
     along = mesh.vertices[:, axis]

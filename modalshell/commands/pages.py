@@ -48,14 +48,8 @@ def scene_page(scene: ms.Scene, on_step: Progress | None = None) -> Page:
     A motion by LMA, MWTS or reduced RSW under loads that do not change is computed live on the page. Where the live
     models would leave out something of the scene (supports that move, constraints, loads that change, another model, a
     static answer, a colour), the scene is run and the page plays what the run gave. The live models can be chosen
-    where they are near it, or where it is said what they leave out; the page says how far they are off.
-
-    Raises
-    ------
-    SceneError
-        If a table is refused.
-    OptionError
-        If there are more birds, modes or shapes of a motion than a browser takes.
+    where they are near it, or where it is said what they leave out; the page says how far they are off. SceneError if a
+    table is refused. OptionError if there are more birds, modes or shapes of a motion than a browser takes.
     """
     own: Page | None = scene.own_page()
     if own is not None:

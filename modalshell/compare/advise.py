@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike
 from modalshell.compare.advice_text import NEAR_TIE, RATE_MARGIN, advice_text, missed_text
 from modalshell.compare.candidates import MODES
 from modalshell.compare.case import Case
-from modalshell.compare.near_snap import missed_loads
-from modalshell.compare.path import Snap
+from modalshell.compare.path import LoadPath, Snap
 from modalshell.compare.report import html_table
 from modalshell.compare.runs import Measurement, answer_error
 from modalshell.compare.tradeoff import LOADS, Tradeoff, tradeoff
@@ -22,7 +21,7 @@ from modalshell.core.checks import checked_number
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.short_repr import short_repr
-from modalshell.core.typing import Progress
+from modalshell.core.typing import Array, Progress
 from modalshell.core.units import in_percent
 from modalshell.files.atomic_io import write_text
 from modalshell.mesh import TriangleMesh
@@ -34,6 +33,62 @@ from modalshell.shell import Shell
 
 _REASONS: dict[str, str] = {Outcome.STOPPED: "its static answers cost several times those of DS"}
 """Outcomes of static answers that a reader of advice would not understand, as reasons."""
+NEAREST = 3e-4
+"""Distance from a snap's load within which nothing is said of any rung but DS, relative to it."""
+_HALVINGS = 4
+"""Times that a distance from a snap is halved: from half a per cent to :data:`NEAREST`."""
+
+Check = Callable[[float, Array], Array | None]
+"""Of a share of the load, and where DS is nearby (n, 3): where DS is there, if the rung is right there; else None."""
+
+
+def missed_loads(row: Measurement, case: Case, path: LoadPath, error: float) -> list[tuple[float, float]]:
+    """Shares of the load, from one to another next to each snap, between which a rung may be more than ``error`` off.
+
+    There it snaps under another load than DS, if only a little, and meets the error where it was measured. From those
+    next to a snap the loads at which it is compared with DS are brought nearer to the snap, by halves of the distance,
+    as far as it meets the error.
+    """
+    if row.is_truth or row.model is None:
+        return []
+    model, truth = row.model, DiscreteShell(case.shell)
+
+    def check(share: float, start: Array) -> Array | None:
+        exact = truth.equilibrium(force=share * case.load, start=start)
+        apart = answer_error(model.equilibrium(force=share * case.load), exact, case.shell)
+        return exact.positions if apart is not None and apart <= error else None
+
+    return [_around(snap, path, check) for snap in path.snaps]
+
+
+def _around(snap: Snap, path: LoadPath, check: Check) -> tuple[float, float]:
+    """The loads around one snap; the measured ones where it was not located."""
+    answers = zip((*path.factors, *path.near), (*path.answers, *path.near_answers), strict=True)
+    known = {share: answer.positions for share, answer in answers if answer.converged}
+    low = max((share for share in known if share <= snap.low), default=0.0)
+    high = min((share for share in known if share >= snap.high), default=path.factors[-1])
+    if snap.stable is None:
+        return low, high
+    if low in known:
+        low = _nearer(low, (1.0 - NEAREST) * snap.low, known[low], check)
+    if high in known:
+        high = _nearer(high, (1.0 + NEAREST) * snap.high, known[high], check)
+    return low, high
+
+
+def _nearer(right: float, nearest: float, start: Array, check: Check) -> float:
+    """The share nearest to ``nearest`` at which a rung is right, from one where it is; DS is at ``start`` there."""
+    wrong, tried = None, nearest
+    for _ in range(1 + _HALVINGS):
+        found = check(tried, start)
+        if found is None:
+            wrong = tried
+        else:
+            right, start = tried, found
+        if wrong is None:
+            break
+        tried = 0.5 * (right + wrong)
+    return right
 
 
 @short_repr

@@ -88,15 +88,6 @@ def point(name: str, value: Vector) -> Array:
     return read_only(checked_vectors(name, value, (3,), OptionError).copy())
 
 
-def direction(name: str, value: Vector) -> Array:
-    """``value`` (3,) over its length; OptionError if it has none."""
-    vector = checked_vectors(name, value, (3,), OptionError)
-    length = float(np.linalg.norm(vector))
-    if length == 0.0:
-        raise OptionError(f"{name} must not be zero (got {vector.tolist()})")
-    return read_only(vector / length)
-
-
 def axis_of(a: Array, b: Array) -> tuple[Array, float]:
     """Unit vector (3,) from a to b, and their distance [m]; OptionError where they coincide."""
     length = float(np.linalg.norm(b - a))

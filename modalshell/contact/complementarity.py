@@ -190,7 +190,8 @@ def _settled(columns, gaps, active, forces, accuracy, symmetric):  # type: ignor
 def complementary(columns, gaps, forces, accuracy, symmetric):  # type: ignore[no-untyped-def]
     """Forces f (k,) >= 0 with ``A f + gaps >= 0`` and one of both zero; in place, from a guess.
 
-    The set of the guess is tried first: where A is positive definite there is one answer.
+    The set of the guess is tried first: where A is positive definite there is one answer. Returns whether an exact set
+    was found, else the forces are those of Gauss-Seidel.
 
     Parameters
     ----------
@@ -202,11 +203,6 @@ def complementary(columns, gaps, forces, accuracy, symmetric):  # type: ignore[n
         Gap that is none.
     symmetric : bool
         Whether A is symmetric and positive definite.
-
-    Returns
-    -------
-    bool
-        Whether an exact set was found, else the forces are those of Gauss-Seidel.
     """
     active, found = np.empty(forces.size, np.bool_), np.empty(forces.size)
     for turn in range(2):

@@ -19,7 +19,7 @@ from modalshell.shell import Shell
 from modalshell.statics.error_bar import Estimator
 from modalshell.statics.margin import Margin
 from modalshell.statics.potential import Potential
-from modalshell.supports.led import LedVertices
+from modalshell.supports.constraints import LedVertices
 
 _LEAST, _MOST = 2, 8
 """Newton steps of a bar: those without contacts, and at most, until the set of what touches repeats."""

@@ -49,12 +49,7 @@ class Led:
         The whole load comes with the first step. Each is predicted along the tangent, on which what touches stays on
         its collider, and solved by Newton's steps with active sets; where that ends at no minimum, or behind a
         collider, the step is shortened, and at last the shell goes downhill from where it is, with the patches at the
-        step's end.
-
-        Raises
-        ------
-        OptionError
-            For a start inside a collider, or targets there: contacts do not push on patches.
+        step's end. OptionError for a start inside a collider, or targets there: contacts do not push on patches.
         """
         self._refuse_inside(start)
         rest, steps, iterations = initial_friction(self.touching, start).rest, Steps(FIRST_STEP), 0
@@ -84,12 +79,7 @@ class Led:
 
         What moves along a collider in a step's prediction slips at first, or else, tried next, as in the step before.
         Where a step fails that cannot be shortened, as where a shell snaps that is pushed against its friction, there
-        is no answer.
-
-        Raises
-        ------
-        OptionError
-            As above.
+        is no answer. OptionError as above.
         """
         self._refuse_inside(start)
         reached, steps = rest_with_friction(self.problem, self.touching, start, load_steps), Steps(FIRST_STEP)

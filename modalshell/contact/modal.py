@@ -19,10 +19,9 @@ from modalshell.contact.contact import Contact
 from modalshell.contact.friction import Friction
 from modalshell.contact.gap_kernels import common_normal, frame_of, gaps_of
 from modalshell.contact.local_shapes import LocalShapes
-from modalshell.contact.modal_rows import FAR, SETTLED, SMALL, Near, RowFrames
+from modalshell.contact.modal_rows import FAR, SETTLED, SMALL, Near, RowFrames, Turning
 from modalshell.contact.pressed import Pressed
 from modalshell.contact.touching import EXACT_GAP, Touching, touched_frame
-from modalshell.contact.turning import Turning
 from modalshell.core.cost import count_read
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array, Index

@@ -16,7 +16,7 @@ from modalshell.core.typing import Array
 from modalshell.shell import Shell
 from modalshell.statics.error_bar import ErrorBar
 from modalshell.supports import SupportPath
-from modalshell.supports.led import LedVertices
+from modalshell.supports.constraints import LedVertices
 
 _STRIKE = 0.01
 """Force of a strike, over that in balance, from which a frame is not judged."""

@@ -80,12 +80,7 @@ def rest_with_friction(problem: Potential, touching: Touching, start: Array, ste
 
     What touches at the beginning of a step rubs in it; what comes to touch within it does from the next one on, and in
     the last one while the shell goes there in a thick fluid. So does it where a step finds no end: the sets of a free
-    shell may let go of all that sticks, though friction holds it.
-
-    Raises
-    ------
-    OptionError
-        For a start inside a collider.
+    shell may let go of all that sticks, though friction holds it. OptionError for a start inside a collider.
     """
     touching.refuse_inside(start)
     reached = initial_friction(touching, _fallen(problem, touching, start))

@@ -41,12 +41,8 @@ def rest_on_contacts(
     start, by :mod:`.descent`. A start inside colliders that push out is led out in steps, without a guess: the surfaces
     come from where they touch its deepest vertices.
 
-    Iterations are Newton's of all that was tried; but from the guess on where the minimum is found from it.
-
-    Raises
-    ------
-    OptionError
-        For a start inside a collider that does not push out; names the vertex and its depth.
+    Iterations are Newton's of all that was tried; but from the guess on where the minimum is found from it. OptionError
+    for a start inside a collider that does not push out; names the vertex and its depth.
     """
     touching.refuse_inside(start)
     depth = touching.deepest_by_contact(start)
@@ -87,12 +83,7 @@ def rest_on_layers(problem: Potential, touching: Touching, layers: Layers, start
     """Minimum with a barrier between ``layers`` in it, outside colliders, from ``start`` (n, 3) [m]; and the layers.
 
     The shell goes downhill, by :mod:`.descent`. The barrier is stiffened, from the load over the area on, until no two
-    layers are nearer than a small part of the gap.
-
-    Raises
-    ------
-    OptionError
-        For a start that crosses itself, or inside a collider.
+    layers are nearer than a small part of the gap. OptionError for a start that crosses itself, or inside a collider.
     """
     touching.refuse_inside(start)
     layers.refuse_crossing(start, "at the start")

@@ -17,6 +17,8 @@ _kernel = njit(error_model="numpy", fastmath=False)
 def stay(kept, bodies, step, found, limits):  # type: ignore[no-untyped-def]
     """End of a step of implicit Euler in which all of some vertices stay pushed, with no look at others.
 
+    Returns the elastic energy [J] beyond the modes, and whether all stay.
+
     Parameters
     ----------
     kept, bodies : tuple
@@ -28,11 +30,6 @@ def stay(kept, bodies, step, found, limits):  # type: ignore[no-untyped-def]
         the axes at rest: those at its beginning, which become those at its end.
     limits : tuple
         Gap that is none, move of a good linearisation, and accuracy of the small problems [m].
-
-    Returns
-    -------
-    tuple
-        Elastic energy [J] beyond the modes, and whether all stay.
     """
     q, rates, force, compliance, eigenvalues, dt = step
     ends = np.empty((3, q.size))
@@ -48,6 +45,9 @@ def stay(kept, bodies, step, found, limits):  # type: ignore[no-untyped-def]
 @_kernel
 def stay_whole(kept, bodies, push, step, before, surface, limits, out):  # type: ignore[no-untyped-def]
     """A step of SDIRK2 in which all of some vertices stay pushed, from what a state keeps to all of its end.
+
+    Returns one of :data:`OTHERS`, :data:`OPENS` and :data:`STAYS`, the energy [J] beyond the modes, and the square of
+    the rates' second derivative.
 
     Parameters
     ----------
@@ -68,12 +68,6 @@ def stay_whole(kept, bodies, push, step, before, surface, limits, out):  # type:
     out : tuple
         Coordinates and rates (2, m) at the end, modal force (m,) of the second part, positions and displacements
         (n, 3) [m], gaps (r,) [m] and forces (r,) [N].
-
-    Returns
-    -------
-    tuple
-        One of :data:`OTHERS`, :data:`OPENS` and :data:`STAYS`, the energy [J] beyond the modes, and the square of the
-        rates' second derivative.
     """
     rows, vertices, slots = kept[0], kept[1], kept[2]
     pushes, shape, stored, base, load = before

@@ -191,7 +191,10 @@ def _offsets(gap, normals, local, across, ways, offset):  # type: ignore[no-unty
 def press(kept, bodies, step, before, limits):  # type: ignore[no-untyped-def]
     """End of a frame: ``q = free + G J^T f`` with ``0 <= f _|_ gap >= 0`` at the candidates.
 
-    Each linearisation is corrected by the gaps that its end has, and taken again where that is far.
+    Each linearisation is corrected by the gaps that its end has, and taken again where that is far. Returns candidates
+    (k,), coordinates (m,), forces (r,) along the normals, and those on the candidates in the axes at rest (k, 3), their
+    elastic energy [J] beyond the modes, and whether the gaps met their tolerance. Coordinates are empty where the
+    candidates are others than those that are kept.
 
     Parameters
     ----------
@@ -206,13 +209,6 @@ def press(kept, bodies, step, before, limits):  # type: ignore[no-untyped-def]
     limits : tuple
         Gap of a candidate, numbers of them and of those inside, gap that is none, move of a good linearisation, and
         accuracy of the small problems [m].
-
-    Returns
-    -------
-    tuple
-        Candidates (k,), coordinates (m,), forces (r,) along the normals, and those on the candidates in the axes at
-        rest (k, 3), their elastic energy [J] beyond the modes, and whether the gaps met their tolerance. Coordinates
-        are empty where the candidates are others than those that are kept.
     """
     rows, vertices, _, between, place, _ = kept
     free, compliance, begin = step

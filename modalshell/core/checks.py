@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from modalshell.core.errors import LoadError, ModalShellError, OptionError, SolverError
+from modalshell.core.thread_safety import read_only
 
 T = TypeVar("T")
 
@@ -177,6 +178,15 @@ def checked_vectors(
         allowed = "finite" if not np.isfinite(array[bad]).all() else f"at most {LARGEST:g} in size"
         raise error(f"{name} must be {allowed} (got {array[bad]} at entry {bad}, counted from 0)")
     return array
+
+
+def unit_vector(name: str, value: Any, error: type[ModalShellError]) -> NDArray[np.float64]:
+    """Return ``value`` (3,) over its length, an axis to the last bit, else raise ``error``."""
+    vector = checked_vectors(name, value, (3,), error)
+    length = float(np.linalg.norm(vector))
+    if length == 0.0:
+        raise error(f"{name} must not be zero (got {vector.tolist()})")
+    return read_only(vector / length)
 
 
 def checked_times(times: Any) -> NDArray[np.float64]:

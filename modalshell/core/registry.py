@@ -26,11 +26,8 @@ class Registry(dict[str, T]):
     def __setitem__(self, key: str, value: T) -> None:
         """Register ``value``.
 
-        Raises
-        ------
-        OptionError
-            If the key belongs to another class; names both. A class that is defined again, as by a notebook's cell
-            that runs twice, takes the place of the old one.
+        OptionError if the key belongs to another class; names both. A class that is defined again, as by a notebook's
+        cell that runs twice, takes the place of the old one.
         """
         if key in self and (old := full_name(self[key])) != (new := full_name(value)):
             raise OptionError(f"{self.kind} {key!r} exists already, as {old}: give {new} another key")

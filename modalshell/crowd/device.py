@@ -22,7 +22,7 @@ class DeviceSearch(NeighbourSearch):
     """Sums over neighbours on a device, one thread of it to a boid; for :class:`modalshell.Flock`.
 
     The processor sorts the boids into cells, in float64. So the boids go to the device at every step, and the sums come
-    back.
+    back. OptionError where Warp is not installed or the device is not here.
 
     Parameters
     ----------
@@ -31,11 +31,6 @@ class DeviceSearch(NeighbourSearch):
         place to rounding are no neighbours.
     device : str, optional
         "cpu", "cuda:0" and so on; by default the first GPU, or "cpu" if there is none.
-
-    Raises
-    ------
-    OptionError
-        Where Warp is not installed or the device is not here.
     """
 
     def __init__(self, dtype: DTypeLike = np.float64, device: str | None = None) -> None:
@@ -65,7 +60,8 @@ class DeviceCrowd(ShellCrowd):
 
     The modal data stay on the device; coordinates, levels and poses go there for every frame. Forces come back, in
     float64, to step the coordinates on the processor. An angle counts as it is rounded, so that forces differ from a
-    crowd's by about 1e-16 for every radian of the largest angle.
+    crowd's by about 1e-16 for every radian of the largest angle. OptionError where Warp is not installed or the device
+    is not here, and as a crowd does.
 
     Parameters
     ----------
@@ -75,11 +71,6 @@ class DeviceCrowd(ShellCrowd):
         Precision of the positions and of their arithmetic.
     device : str, optional
         "cpu", "cuda:0" and so on; by default the first GPU, or "cpu" if there is none.
-
-    Raises
-    ------
-    OptionError
-        Where Warp is not installed or the device is not here, and as a crowd does.
     """
 
     def __init__(

@@ -40,6 +40,8 @@ def gather(
 ) -> Neighbourhood:
     """Sums over the neighbours of every boid.
 
+    Returns the same for any number of threads, bit by bit.
+
     Parameters
     ----------
     positions, directions : ndarray, shape (N, 3)
@@ -52,11 +54,6 @@ def gather(
         A grid of cells, whose cost grows as the number of boids at a fixed density; or every pair, to check it.
     threads : int
         Parts that the grid's boids are cut into, each on a thread of numba's if there are as many.
-
-    Returns
-    -------
-    Neighbourhood
-        The same for any number of threads, bit by bit.
     """
     count = len(positions)
     cosine, sums = view_cosine(field_of_view), np.empty((count, kernels.SUMS))

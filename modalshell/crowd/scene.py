@@ -135,6 +135,8 @@ def build_target(table: TargetTable) -> Callable[[float], Array]:
 class FlockScene(Scene):
     """A scene of many such shells in flight, stepped by MWTS under gravity alone.
 
+    SceneError if another table requests what a flock does not support.
+
     Attributes
     ----------
     name, file, mesh, material, model, supports, energies, loads, output
@@ -143,11 +145,6 @@ class FlockScene(Scene):
         Duration and steps of the flight.
     flock : FlockTable
         The birds; see :mod:`modalshell.crowd.scene`.
-
-    Raises
-    ------
-    SceneError
-        If another table requests what a flock does not support.
     """
 
     motion: tables.MotionTable

@@ -24,17 +24,14 @@ DOCUMENT = 100 * 2**20
 def open_regular(path: str | os.PathLike[str], most: int | None = None) -> BinaryIO:
     """Open a regular file for reading; pipes and devices are refused without waiting for them.
 
+    OSError if there is no such file, it cannot be read, is no regular file, or is too large: ``strerror`` says which.
+
     Parameters
     ----------
     path : path
         The file; links are followed.
     most : int, optional
         Size [bytes] above which it is refused; no limit if omitted.
-
-    Raises
-    ------
-    OSError
-        If there is no such file, it cannot be read, is no regular file, or is too large: ``strerror`` says which.
     """
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
     try:

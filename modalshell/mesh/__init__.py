@@ -1,10 +1,9 @@
 """Triangle meshes: the data structure, its validation, files and parametric shapes."""
 
-from modalshell.mesh.bird_shape import paper_bird
 from modalshell.mesh.files import load_mesh, save_mesh
 from modalshell.mesh.remesh import remesh
 from modalshell.mesh.repair import RepairReport, repair
-from modalshell.mesh.shapes import cylinder_panel, flat_beam, leaf, sheet, v_beam
+from modalshell.mesh.shapes import cylinder_panel, flat_beam, leaf, paper_bird, sheet, v_beam
 from modalshell.mesh.triangle_mesh import TriangleMesh
 
 __all__ = [

@@ -25,12 +25,8 @@ _MOST_NEIGHBOURS = 64
 def chosen_part(mesh: TriangleMesh, component: Component | None = None, join: float | None = None) -> TriangleMesh:
     """The mesh with vertices at most ``join`` [m] apart merged, reduced to the requested part.
 
-    Raises
-    ------
-    MeshError
-        If there is no such part, or joining leaves no valid mesh.
-    OptionError
-        If ``join`` is not a positive number, or ``component`` is invalid.
+    MeshError if there is no such part, or joining leaves no valid mesh. OptionError if ``join`` is not a positive
+    number, or ``component`` is invalid.
     """
     if join is not None:
         mesh = mesh.weld(checked_number("join", join, above=0.0, unit="m"))

@@ -158,17 +158,14 @@ def _fault(error: Exception) -> str:
 def select_vertices(expression: str, surface: TriangleMesh | NDArray[np.float64]) -> NDArray[np.bool_]:
     """Mask (n,) of the vertices for which ``expression`` holds.
 
+    OptionError if the text is not such an expression, naming the part that is not.
+
     Parameters
     ----------
     expression : str
         What is selected, as :mod:`modalshell.mesh.selection` says, joined by ``and``, ``or``, ``not``.
     surface : TriangleMesh, or ndarray, shape (n, 3)
         The mesh, or positions [m], which have neither boundary nor normals.
-
-    Raises
-    ------
-    OptionError
-        If the text is not such an expression, naming the part that is not.
     """
     if len(expression) > _LONGEST:
         raise OptionError(f"a selection may have at most {_LONGEST} characters (got {len(expression)})")

@@ -11,8 +11,8 @@ from scipy.spatial import cKDTree
 from modalshell.core.checks import as_array
 from modalshell.core.errors import REPAIR, MeshError, ModalShellWarning
 from modalshell.core.in_parts import fill_in_parts
+from modalshell.mesh.sheets import faces_to_flip
 from modalshell.mesh.topology import BoolArray, FloatArray, HalfEdges, IntArray, half_edges
-from modalshell.mesh.winding import faces_to_flip
 
 # Twice a triangle's area over its longest edge squared is about its height over its length: 1e-12 lets valid needles of
 # aspect 1e6 through and stops collinear corners whose height is rounding alone.

@@ -178,7 +178,7 @@ class CoarseDiscreteShell(OnCoarse):
     def _solve_touching(
         self, loading: Loading, start: Array | None, contacts: Sequence[Any], constraints: Sequence[Constraint]
     ) -> Equilibrium:
-        from modalshell.models.coarse.contact_statics import coarse_equilibrium_on_contacts  # not without contacts
+        from modalshell.models.coarse.contacts import coarse_equilibrium_on_contacts  # not without contacts
 
         return coarse_equilibrium_on_contacts(self, loading, start, contacts, constraints)
 

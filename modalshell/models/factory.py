@@ -88,6 +88,9 @@ class ModelFactory:
     def build(self, spec: ModelSpec, options: Mapping[str, Any], coarse: CoarseMesh | None = None) -> Model:
         """The model of a record.
 
+        OptionError for options that the model refuses, or where the load or the coarse mesh that it needs is not to be
+        had.
+
         Parameters
         ----------
         spec : ModelSpec
@@ -96,11 +99,6 @@ class ModelFactory:
             Keys of its ``[model]`` table; the others keep their defaults.
         coarse : CoarseMesh, optional
             The mesh of a model that needs a coarse one, in place of the options ``cells`` and ``triangles``.
-
-        Raises
-        ------
-        OptionError
-            For options that the model refuses, or where the load or the coarse mesh that it needs is not to be had.
         """
         rest = dict(options)
         if spec.needs == "shell":

@@ -23,13 +23,11 @@ from modalshell.models.base.implicit import LoadAt, implicit_rule, slowed
 from modalshell.models.base.reduced_sensitivity import LinearTangent, dead_state
 from modalshell.models.coarse.on_coarse import OnCoarse
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
-from modalshell.models.hybrid.assumed_stress import ReducedStress, measures_of, reduce_energy
+from modalshell.models.hybrid.assumed_stress import ReducedStress, StressPotential, measures_of, reduce_energy
 from modalshell.models.hybrid.coarse_states import CoarseShape, states_of
-from modalshell.models.hybrid.compliance import LinearCompliance
 from modalshell.models.hybrid.reduced_shell import ReducedShell
 from modalshell.models.hybrid.slopes import STEP, differences, forces_by_constants
-from modalshell.models.hybrid.stated_error import coarse_errors, next_to_snap, stated
-from modalshell.models.hybrid.stress_potential import StressPotential
+from modalshell.models.hybrid.stated_error import LinearCompliance, coarse_errors, next_to_snap, stated
 from modalshell.models.hybrid.trained_file import read_trained, trainable, write_trained
 from modalshell.models.hybrid.training import SMALL, Trained, Training, train
 from modalshell.models.reduction.derivatives import edge_changes
@@ -325,7 +323,7 @@ class HybridStress(OnCoarse):
     def _solve_touching(
         self, loading: Loading, start: Array | None, contacts: Sequence[Any], constraints: Sequence[Constraint]
     ) -> Equilibrium:
-        from modalshell.models.coarse.contact_statics import equilibrium_or_coarse_contacts  # not without contacts
+        from modalshell.models.coarse.contacts import equilibrium_or_coarse_contacts  # not without contacts
 
         free = partial(self._solve_untouched, loading, start)
         return equilibrium_or_coarse_contacts(self.coarse, free, loading, start, contacts, constraints)

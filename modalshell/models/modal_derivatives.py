@@ -30,8 +30,7 @@ from modalshell.models.base.setup import MotionSetup
 from modalshell.models.reduction.cubature import MUCH_KEPT, Cubature, checked_loads, default_loads, train
 from modalshell.models.reduction.derivatives import modal_derivatives
 from modalshell.models.reduction.free_flight import Anchored, LinearShape, ReducedFlight, frames_of
-from modalshell.models.reduction.reduced_energy import ReducedEnergy
-from modalshell.models.reduction.reduced_potential import ReducedPotential
+from modalshell.models.reduction.reduced_energy import ReducedEnergy, ReducedPotential
 from modalshell.modes import model_basis
 from modalshell.shell import GAUSS_NEWTON, Shell
 from modalshell.shell.damping import Damping

@@ -21,7 +21,7 @@ from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 from modalshell.statics.error_bar import ErrorBar, ErrorEstimator, Estimator
 from modalshell.supports import SupportPath
-from modalshell.supports.led import LedVertices
+from modalshell.supports.constraints import LedVertices
 
 if TYPE_CHECKING:
     from modalshell.contact import Contact  # motions without contacts do not import it
@@ -136,6 +136,8 @@ def touching_frames(
 class MotionCheck:
     """Finds the bars of a motion, one checked frame after the other.
 
+    OptionError for a shell that its supports do not hold.
+
     Parameters
     ----------
     shell : Shell
@@ -162,11 +164,6 @@ class MotionCheck:
         That of a modal model, whose modes the ratios of the damping are of; none at first.
     unjudged : str
         Why the last bar, which is void then, could not be found where contacts alone prevent it; "" elsewhere.
-
-    Raises
-    ------
-    OptionError
-        For a shell that its supports do not hold.
     """
 
     def __init__(

@@ -339,7 +339,7 @@ def _stiffness_of_rounding(shell: Shell, data: Array) -> float:
     mass = np.repeat(shell.mass, 3)
     # Internal unknowns do not take part in rigid motions. Vertices that share an element with a clamped edge do resist.
     stiffness = shell.pattern.matrix(data)
-    clamped = (3 * np.unique(shell.held_slopes())[:, None] + np.arange(3)).ravel()
+    clamped = (3 * np.unique(shell.elastic_energy.held_slopes())[:, None] + np.arange(3)).ravel()
     forces = stiffness @ fields
     forces[stiffness[clamped].indices] = 0.0
     return float((np.abs(np.sum(fields * forces, axis=0)) / (mass @ fields**2)).max())
@@ -384,5 +384,5 @@ def _strain_eigenvalues(shell: Shell, modes: Array, approximate: Array) -> Array
     values = np.empty_like(approximate)
     for k in range(modes.shape[1]):
         step = shell.unknowns.prolong(modes[:, k])
-        values[k] = 2.0 * shell.linear_energy(shell.rest_positions, step.reshape(-1, 3))
+        values[k] = 2.0 * shell.elastic_energy.linear_energy(shell.rest_positions, step.reshape(-1, 3))
     return values

@@ -258,6 +258,8 @@ def known_factorisations() -> str:
 class Factoriser:
     """Factorises matrices of one pattern, reusing its symbolic analysis; thread-safe.
 
+    OptionError for a ``backend`` of another name.
+
     Parameters
     ----------
     backend : {"cholesky", "superlu"}, optional
@@ -266,11 +268,6 @@ class Factoriser:
         Whether one factor serves many solves, or one pattern many factors. For the former SuperLU stands in for the
         profile factorisation, below 2,000 unknowns. Where solves are of right sides (N, 3), one for each axis, it does
         at any size: of one unknown a vertex its factor is found in half the time of the multifrontal one.
-
-    Raises
-    ------
-    OptionError
-        For a ``backend`` of another name.
     """
 
     def __init__(self, backend: str | None = None, use: Use = "refactor") -> None:

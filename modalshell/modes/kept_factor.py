@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from typing import final
+
 import numpy as np
 import scipy.sparse as sps
 
 from modalshell.core.typing import Array
 from modalshell.linalg import Stop
 from modalshell.modes.factorisation import CondensedFactor, Factor
-from modalshell.modes.krylov import Krylov
 
 _SHARE = 0.75
 """Iterations at most, in those that take the time of another factorisation."""
@@ -18,10 +19,45 @@ _SERVES = 0.1
 """Share of the residual that serves at the last of them."""
 
 
+@final
+class Krylov:
+    """Orthonormal directions of GMRES [saad1986], rows (most + 1, N), each of them the next one's image.
+
+    The first one (N,) is the image of a solution, of any ``length`` but zero; ``most`` is the number of images at most.
+    """
+
+    def __init__(self, first: Array, length: float, most: int) -> None:
+        self.directions = np.empty((most + 1, first.size))
+        self.directions[0] = first / length
+        self._seen = np.zeros((most + 1, most))
+
+    def nearest(self, k: int, image: Array, size: float) -> tuple[Array, float]:
+        """Shares (k + 1,) of the directions whose images come nearest to ``size`` of the first, and by how much not.
+
+        ``image`` (N,) is that of direction k, and is overwritten. The gap is infinite where it is no number.
+        """
+        seen, known = self._seen, self.directions[: k + 1]
+        for _ in range(2):  # twice is enough
+            parts = known @ image
+            image -= parts @ known
+            seen[: k + 1, k] += parts
+        seen[k + 1, k] = np.linalg.norm(image)
+        goal = np.zeros(k + 2)
+        goal[0] = size
+        if not np.isfinite(seen[k + 1, k]):
+            return goal[:-1], np.inf
+        shares = np.asarray(np.linalg.lstsq(seen[: k + 2, : k + 1], goal, rcond=None)[0], dtype=np.float64)
+        if seen[k + 1, k] > 0.0:
+            self.directions[k + 1] = image / seen[k + 1, k]
+        return shares, float(np.linalg.norm(seen[: k + 2, : k + 1] @ shares - goal))
+
+
 def solution_by_kept_factor(
     kept: Factor, matrix: sps.csc_array, right_side: Array, accuracy: float, axes: Array | None = None
 ) -> Array | None:
     """Solution (N,) of ``matrix x = right_side`` by conjugate gradients with the factor of a nearby matrix.
+
+    Returns None where a direction has no or negative curvature, or iterations do not do.
 
     Parameters
     ----------
@@ -37,11 +73,6 @@ def solution_by_kept_factor(
     axes : ndarray, shape (3, f, 3), optional
         Where each axis has turned to, since the factor's matrix, with the vertices whose positions are the first
         unknowns: the factor is taken as turned with them.
-
-    Returns
-    -------
-    ndarray or None
-        None where a direction has no or negative curvature, or iterations do not do.
     """
     whole = kept.whole if isinstance(kept, CondensedFactor) else kept
     whole_side = np.zeros(matrix.shape[0])

@@ -97,7 +97,7 @@ def rigid_motions(shell: Shell) -> Array:
 
 def _free_motions(shell: Shell) -> Iterator[tuple[Index, Array]]:
     """Vertices of every connected part, and what shares (6, r) of :func:`six_motions` its supports leave free."""
-    positions, labels, edges = shell.rest_positions, shell.mesh.components, shell.held_slopes()
+    positions, labels, edges = shell.rest_positions, shell.mesh.components, shell.elastic_energy.held_slopes()
     for part in range(int(labels.max()) + 1):
         vertices = np.flatnonzero(labels == part)
         whole = np.zeros((*positions.shape, 6))

@@ -14,7 +14,7 @@ from modalshell.core.cost import count_factorisation
 from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array
 from modalshell.modes.factorisation import Factor, Factoriser, check_finite, sparse_lu
-from modalshell.modes.krylov import Krylov
+from modalshell.modes.kept_factor import Krylov
 
 _SMALL = 3000
 """Unknowns below which SuperLU is fast enough."""

@@ -39,14 +39,8 @@ def shell_at(shell: Shell, run: Trajectory, frame: int) -> Shell:
 def with_fields(run: Trajectory, shell: Shell, names: Sequence[str], supports: SupportPath | None = None) -> Trajectory:
     """The motion with further fields of the shell, of :data:`modalshell.shell.fields.FIELDS`, in every frame.
 
-    Edges are clamped in the frame of the ``supports``, which have moved.
-
-    Raises
-    ------
-    OptionError
-        For another name, or one that needs a thickness which the material has not.
-    LoadError
-        If a triangle has collapsed in a frame.
+    Edges are clamped in the frame of the ``supports``, which have moved. OptionError for another name, or one that
+    needs a thickness which the material has not. LoadError if a triangle has collapsed in a frame.
     """
     missing = [name for name in checked_fields(names, shell) if name not in run.fields]
     if not missing:
@@ -105,4 +99,4 @@ def _energy_of_rounding(shell: Shell, size: float) -> float:
     """Energy [J] of a shell whose vertices are off their rest by ``size`` [m] in every coordinate, at random."""
     rest = shell.rest_positions
     off = np.random.default_rng(0).choice((-size, size), rest.shape)
-    return shell.raw_energy(rest + off) - shell.raw_energy(rest)
+    return shell.elastic_energy.energy(rest + off) - shell.elastic_energy.energy(rest)

@@ -22,8 +22,7 @@ from modalshell.motion.trajectory import Trajectory
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 from modalshell.supports import SupportPath
-from modalshell.supports.constraints import Constraint
-from modalshell.supports.led import LedVertices
+from modalshell.supports.constraints import Constraint, LedVertices
 
 if TYPE_CHECKING:
     from modalshell.contact import Contact  # motions without contacts do not import it

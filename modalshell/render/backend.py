@@ -60,16 +60,11 @@ _warned_of: set[tuple[str, ...]] = set()
 
 
 def choose_backend() -> Backend:
-    """
-    Name what draws on this machine; the answer is found once a process.
+    """Name what draws on this machine; the answer is found once a process.
 
     The environment variable ``MODALSHELL_RENDERER`` (``pyvista`` or ``built-in``) skips the probe. Where only one kind
-    of off-screen window works, ``VTK_DEFAULT_OPENGL_WINDOW`` is set to it, because VTK reads it there.
-
-    Returns
-    -------
-    str
-        ``"pyvista"``, or ``"built-in"`` for the built-in rasteriser.
+    of off-screen window works, ``VTK_DEFAULT_OPENGL_WINDOW`` is set to it, because VTK reads it there. Returns
+    ``"pyvista"``, or ``"built-in"`` for the built-in rasteriser.
     """
     named = os.environ.get(RENDERER_VARIABLE, "")
     if named:

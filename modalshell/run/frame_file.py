@@ -32,15 +32,12 @@ _CHECKSUM = "checksum"
 class FrameFile:
     """A file of frames, created if missing, that this process alone holds while it is open.
 
+    OptionError if another process holds the file.
+
     Attributes
     ----------
     count : int
         Whole records; known after :meth:`begin`.
-
-    Raises
-    ------
-    OptionError
-        If another process holds the file.
     """
 
     def __init__(self, path: Path) -> None:
@@ -70,6 +67,8 @@ class FrameFile:
     ) -> None:
         """Resume from the records of the same run, or start with none.
 
+        OptionError if the file belongs to another run, or its header is damaged; it is left as it is.
+
         Parameters
         ----------
         identity : dict of str
@@ -80,11 +79,6 @@ class FrameFile:
             Whether to discard existing records.
         constants : dict of ndarray, optional
             What all frames share and a reader needs, such as the mesh; decided by ``identity``.
-
-        Raises
-        ------
-        OptionError
-            If the file belongs to another run, or its header is damaged; it is left as it is.
         """
         self._dtype = record_dtype(fields)
         whole_identity = identity | {"record": json.dumps(fields)}

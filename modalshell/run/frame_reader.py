@@ -48,7 +48,8 @@ class _Header:
 class FrameReader:
     """Reader of a file of frames that another process may append to, truncate, or rewrite at any time.
 
-    Nothing is locked or memory-mapped: truncation of a mapped file would kill the reading process.
+    Nothing is locked or memory-mapped: truncation of a mapped file would kill the reading process. FileNotFoundError if
+    there is no file.
 
     Attributes
     ----------
@@ -62,11 +63,6 @@ class FrameReader:
         What all frames of its run share.
     generation : object
         Changes when a run is restarted.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no file.
     """
 
     def __init__(self, path: Path) -> None:

@@ -220,12 +220,7 @@ class ShellScene(Scene):
     def build(self, shell: Shell | None = None, solve: SolveModes | None = None) -> BuiltScene:
         """Everything that the scene declares, on ``shell`` if that is built already, with modes by ``solve``.
 
-        Raises
-        ------
-        SceneError
-            Where a table is refused, naming its key.
-        SolverError
-            If the modes cannot be computed.
+        SceneError where a table is refused, naming its key. SolverError if the modes cannot be computed.
         """
         shell = shell or self.build_shell()
         path, force, loads, constraints = self.build_loading(shell)

@@ -229,6 +229,8 @@ class CreaseSet(ReadOnlyArrays):
     def flow(self, stiffness: Array, drive: Array, slipped: Array, chosen: NDArray[np.bool_]) -> _Slip:
         """Further plastic folds of the ``chosen`` creases (C,), which meet the conditions if the rest stay as they are.
 
+        Returns the change (C,) [rad], and whether it was found.
+
         Parameters
         ----------
         stiffness : ndarray, shape (c, c)
@@ -239,11 +241,6 @@ class CreaseSet(ReadOnlyArrays):
             Plastic fold of the step so far [rad].
         chosen : ndarray of bool, shape (C,)
             Which may yield, c of them.
-
-        Returns
-        -------
-        _Slip
-            The change (C,) [rad], and whether it was found.
         """
         matrix = stiffness + np.diag(self.hardening[chosen])
         limits, before = self.limits[chosen], slipped[chosen]

@@ -58,11 +58,11 @@ class EnergyAccess(ReadOnlyArrays, ABC):
     @property
     def energy_at_rest(self) -> float:
         """Elastic energy [J] that stresses have stored in the mesh; 0 of one without stress."""
-        return self.raw_energy(self.rest_positions) if self.stressed else 0.0
+        return self._energy.energy(self.rest_positions) if self.stressed else 0.0
 
     def stored_energy(self, x: Array) -> float:
         """Elastic energy [J] at x (n, 3) [m], unchecked, with what the hardening of creases has stored."""
-        energy = self.raw_energy(x)
+        energy = self._energy.energy(x)
         if self.creases is None or self.crease_state is None:
             return energy
         return energy + self.creases.stored(self.crease_state.angles)
@@ -120,10 +120,6 @@ class EnergyAccess(ReadOnlyArrays, ABC):
         """OptionError where the shell has creases, which a ``model`` does not know."""
         self.refuse_creases(model, "take ms.DiscreteShell or ms.CoarseDiscreteShell, or leave creases out")
 
-    def raw_energy(self, x: Array) -> float:
-        """Energy [J] without input checks; not finite at collapsed elements."""
-        return self._energy.energy(x)
-
     def energy_gradient(self, x: Array) -> tuple[float, Array]:
         """Energy [J] and gradient (n, 3) [N] in one pass."""
         return self._energy.energy_gradient(x)
@@ -150,17 +146,9 @@ class EnergyAccess(ReadOnlyArrays, ABC):
         of = self._energy, self.rest_mesh, self.material, self._slopes, self.clamped
         return gradient_by_constant(*of, name, x, step)
 
-    def held_slopes(self) -> Index:
-        """Vertices (k, 2) of the edges about which the surface cannot turn; none of a discrete shell."""
-        return self._energy.held_slopes()
-
     def predicted_stresses(self, x: Array, step: Array) -> list[Array]:
         """Stresses after ``step`` (n, 3) by the linearised measures at ``x`` (mixed Newton)."""
         return self._energy.linear_stresses(x, step)
-
-    def linear_energy(self, x: Array, step: Array) -> float:
-        """Half of ``step . K_1(x) step`` [J], K_1 the positive semi-definite first term of the Hessian."""
-        return self._energy.linear_energy(x, step)
 
     @property
     def has_dashpots(self) -> bool:

@@ -266,7 +266,7 @@ class Shell(EnergyAccess):
     def energy(self, positions: ArrayLike) -> float:
         """Elastic energy [J] at ``positions`` (n, 3) [m]; LoadError where it is not finite."""
         x = self.checked_positions(positions)
-        energy = self.raw_energy(x)
+        energy = self._energy.energy(x)
         refuse_collapse(self.mesh, "energy", energy, x)
         return energy
 

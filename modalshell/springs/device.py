@@ -17,7 +17,9 @@ class DeviceVerlet(VerletSheet):
     """The steps of :class:`modalshell.springs.GridVerlet` on a device: one thread to a mass.
 
     A thread works out the 12 springs of its mass, so that a spring is worked out at both ends. The state stays on the
-    device: positions and velocities are copied on request, and if ``dt`` changes.
+    device: positions and velocities are copied on request, and if ``dt`` changes. OptionError if Warp is not installed
+    or the device is missing; for another precision, or dashpots. LoadError for positions or velocities of the wrong
+    shape or not finite.
 
     Parameters
     ----------
@@ -25,13 +27,6 @@ class DeviceVerlet(VerletSheet):
         As for :class:`modalshell.springs.GridVerlet`.
     device : str, optional
         "cpu", "cuda:0" and so on; by default the first GPU, or "cpu" if there is none.
-
-    Raises
-    ------
-    OptionError
-        If Warp is not installed or the device is missing; for another precision, or dashpots.
-    LoadError
-        For positions or velocities of the wrong shape or not finite.
     """
 
     def __init__(

@@ -34,12 +34,11 @@ from modalshell.core.typing import Array
 from modalshell.core.units import in_percent
 from modalshell.modes import Factor, Factoriser, lowest_eigenvalue
 from modalshell.shell import GAUSS_NEWTON, MIXED, Shell
-from modalshell.statics.early_margin import Begun
 from modalshell.statics.live_loads import LiveLoads
-from modalshell.statics.margin import LITTLE_STEP, Margin, lowest_ratio, probe
+from modalshell.statics.margin import LITTLE_STEP, Begun, Margin, lowest_ratio, probe
 from modalshell.statics.potential import Potential
 from modalshell.statics.warped import led_step
-from modalshell.supports.led import LedVertices
+from modalshell.supports.constraints import LedVertices
 
 LEAST_MARGIN = 0.3
 """Margin above which a bar holds."""

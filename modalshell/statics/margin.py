@@ -6,8 +6,13 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+import scipy.sparse as sps
 
 from modalshell.core.typing import Array
+from modalshell.modes import Factor
+from modalshell.modes.kept_factor import solution_by_kept_factor
+from modalshell.shell import GAUSS_NEWTON, Shell
+from modalshell.statics.warped import turned_axes
 
 TOLERANCE = 0.05
 """Residual of the lowest ratio, over what the stresses take, at which it is found: its own error is of second order."""
@@ -20,6 +25,8 @@ LITTLE_STEP, CLEAR = 0.02, 0.5
 does."""
 ENDED = 1e-10
 """Length of a Lanczos vector, over that of what was multiplied, below which the iterations have found all there is."""
+_CLOSE = 1e-3
+"""Residual of a step's equations at which iterations with the factor of another step have solved them."""
 
 
 class Margin(NamedTuple):
@@ -71,3 +78,41 @@ def lowest_ratio(solve: Callable[[Array], Array], softening: Callable[[Array], A
 def probe(count: int) -> Array:
     """Forces (N,) on unknowns from which the iterations for the margin start: any, but always the same."""
     return np.random.default_rng(0).standard_normal(count)
+
+
+class Begun(NamedTuple):
+    """Positions (n, 3) [m] where a step began, its Hessian, and the factor that solved it.
+
+    That is of the Hessian, or where that is ``unstressed``, of the first step's. It saves a factorisation each for the
+    second step of a bar and for the margin.
+    """
+
+    x: Array
+    hessian: sps.csc_array
+    factor: Factor
+    unstressed: bool = False
+
+    def direction(self, shell: Shell, x: Array, hessian: sps.csc_array, gradient: Array) -> Array | None:
+        """Newton direction (N,) at x (n, 3) by iterations with this step's factor; None where it does not serve."""
+        axes = turned_axes(shell, self.x, x)
+        return solution_by_kept_factor(self.factor, hessian, -gradient, _CLOSE, axes)
+
+    def margin(self, shell: Shell, off: float, moved: float) -> float | None:
+        """The margin where a step began of length ``off``, under dead loads; None where it is long, or not clear.
+
+        ``moved`` is the displacement, a length alike. The lowest ratio r of G to ``K_1 + G`` makes it ``1 / (1 - r)``.
+        The factor of the first step, where that served for both, is of ``K_1`` alone: to that it is ``1 + r``.
+        """
+        if not (off <= LITTLE_STEP * moved and self.factor.is_definite()):
+            return None
+        # Internal unknowns, the last ones, have no part in the difference.
+        geometric = self.hessian - shell.pattern.free_matrix(shell.hessian(self.x, GAUSS_NEWTON))
+        whole = np.zeros(geometric.shape[0])
+
+        def softening(values: Array) -> Array:
+            whole[: values.size] = values
+            return np.asarray((geometric @ whole)[: values.size])
+
+        ratio = lowest_ratio(self.factor.solve, softening, probe(shell.unknowns.count)).value
+        margin = ratio if self.unstressed else 1.0 / (2.0 - ratio)
+        return margin if margin > CLEAR else None

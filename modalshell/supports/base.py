@@ -10,11 +10,11 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.core.checks import checked_kind, checked_vectors, shown
+from modalshell.core.checks import checked_kind, shown
 from modalshell.core.errors import SupportError
 from modalshell.core.registry import Registry
 from modalshell.core.thread_safety import ReadOnlyArrays, read_only
-from modalshell.core.typing import Array, Vector
+from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.selection import Selection, checked_selection, selected
 
@@ -75,16 +75,6 @@ SUPPORTS: Registry[type[Support]] = Registry("support")
 """Every support by its key."""
 _HELD = 1e-9
 """Share of the largest number of vertices by which a direction is held, up to which it is rounding."""
-
-
-def unit_vector(name: str, vector: Vector) -> Array:
-    """``vector`` (3,) over its length; SupportError if it has none."""
-    checked = checked_vectors(name, vector, (3,), SupportError)
-    length = float(np.linalg.norm(checked))
-    if length == 0.0:
-        raise SupportError(f"{name} must not be zero (got {checked.tolist()})")
-    # An axis stays the axis to the last bit.
-    return read_only(checked / length)
 
 
 def complement(unit: Array) -> Array:

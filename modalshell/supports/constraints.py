@@ -1,10 +1,10 @@
-"""Manipulation constraints: prescribed position or orientation of a vertex or of a patch of vertices."""
+"""Manipulation constraints: prescribed position or orientation of a vertex or a patch, and vertices that they lead."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Literal
+from typing import Literal, final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +16,7 @@ from modalshell.core.thread_safety import ReadOnlyArrays, read_only
 from modalshell.core.typing import Array, Index
 from modalshell.kernels import rotations
 from modalshell.mesh.selection import mixes_masks
+from modalshell.supports.path import SupportPath
 from modalshell.supports.unknowns import Unknowns
 
 Target = ArrayLike | Callable[[float], ArrayLike]
@@ -242,3 +243,35 @@ def held_patches(constraints: Sequence[Constraint], rest: Array, faces: Index, u
             "for: leave some of them out, or move the mesh"
         )
     return patches
+
+
+@final
+class LedVertices:
+    """Where patches lead their vertices, in the frame of the supports.
+
+    Attributes
+    ----------
+    vertices : ndarray of int, shape (k,)
+        Vertices of the patches, one after the other.
+    """
+
+    def __init__(self, patches: Sequence[HeldPatch], path: SupportPath | None = None) -> None:
+        self._patches, self._path = patches, path
+        self.vertices: Index = np.concatenate([patch.vertices for patch in patches])
+
+    def at(self, time: float) -> Array:
+        """Positions (k, 3) [m] of the vertices at ``time`` [s]."""
+        places = np.concatenate([patch.at(time) for patch in self._patches])
+        return places if self._path is None else self._path.at(time).to_shell(places)
+
+    def way(self, x: Array, places: Array, there: float) -> Array | None:
+        """Displacements (n, 3) [m] from x (n, 3) to places (k, 3) [m]; None where they are put there.
+
+        They are where none is longer than ``there`` [m].
+        """
+        way = np.zeros_like(x)
+        way[self.vertices] = places - x[self.vertices]
+        if np.abs(way).max() > there:
+            return way
+        x[self.vertices] = places
+        return None

@@ -7,12 +7,12 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.core.checks import shown
+from modalshell.core.checks import shown, unit_vector
 from modalshell.core.errors import SupportError
 from modalshell.core.typing import Array, Vector
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.selection import Selection
-from modalshell.supports.base import Support, complement, unit_vector
+from modalshell.supports.base import Support, complement
 
 _PLANE = 1e-6
 """Distance from a plane, as a share of the shape's size, up to which vertices lie in it."""
@@ -110,7 +110,7 @@ class Symmetry(Support, key="symmetry"):
 
     def __init__(self, sel: Selection, normal: Vector) -> None:
         super().__init__(sel)
-        self.normal = unit_vector("normal", normal)
+        self.normal = unit_vector("normal", normal, SupportError)
 
     def directions(self) -> Array:
         """The normal."""
@@ -151,7 +151,7 @@ class Roller(Support, key="roller"):
 
     def __init__(self, sel: Selection, direction: Vector) -> None:
         super().__init__(sel)
-        self.direction = unit_vector("direction", direction)
+        self.direction = unit_vector("direction", direction, SupportError)
 
     def directions(self) -> Array:
         """The two across."""
@@ -177,7 +177,7 @@ class Diaphragm(Support, key="diaphragm"):
 
     def __init__(self, sel: Selection, axis: Vector) -> None:
         super().__init__(sel)
-        self.axis = unit_vector("axis", axis)
+        self.axis = unit_vector("axis", axis, SupportError)
 
     def directions(self) -> Array:
         """The two in the plane."""

@@ -169,12 +169,8 @@ class MappedUnknowns(Unknowns):
 def supported_unknowns(supports: Sequence[Support], mesh: TriangleMesh) -> Unknowns:
     """Unknowns that supports leave of a mesh.
 
-    Raises
-    ------
-    OptionError
-        For a support that selects no vertex.
-    SupportError
-        For vertices that do not fit their support, ties that contradict others, or where nothing can move.
+    OptionError for a support that selects no vertex. SupportError for vertices that do not fit their support, ties that
+    contradict others, or where nothing can move.
     """
     count = len(mesh.vertices)
     squares = np.zeros((count, 3, 3))

@@ -27,14 +27,9 @@ def connect(address: str, certificates: Sequence[str | os.PathLike[str]] | None 
 
     Whoever reaches a scheduler can run code on it and on its workers, for it unpickles what it is sent: it belongs on
     127.0.0.1, on a network of its own, or behind TLS, ``tls://10.0.0.1:8786`` with ``certificates``: the files of the
-    authority, of this machine's certificate and of its key.
-
-    Raises
-    ------
-    OptionError
-        If dask.distributed is not installed, or certificates are no three files, or not for ``tls://``.
-    WorkerError
-        If no scheduler answers there within a few seconds, or it has no workers.
+    authority, of this machine's certificate and of its key. OptionError if dask.distributed is not installed, or
+    certificates are no three files, or not for ``tls://``. WorkerError if no scheduler answers there within a few
+    seconds, or it has no workers.
     """
     if importlib.util.find_spec("distributed") is None:
         raise OptionError("a cluster needs dask.distributed: pip install 'modalshell[cluster]'")

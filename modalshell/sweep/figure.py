@@ -111,10 +111,7 @@ def draw_summary(
 ) -> str:
     """Draw ``value`` over the axes into a PNG, with at most that many ``columns`` of panels.
 
-    Returns
-    -------
-    str
-        "", or why there is no picture.
+    Returns "", or why there is no picture.
     """
     places = itertools.product(*(range(len(axis.values)) for axis in axes))
     at = dict(zip(places, rows, strict=True))

@@ -69,6 +69,8 @@ def attach(
 ) -> None:
     """Show a run live, from whatever it stores, until the user has enough; it does not notice.
 
+    OptionError if ``run`` is not a run, has no frame in time, or cannot be shown as requested.
+
     Parameters
     ----------
     run : path
@@ -81,11 +83,6 @@ def attach(
         Write a PNG file with the newest frame, and return.
     follow : bool
         Print a line for each frame and change of state instead; return when the run is finished.
-
-    Raises
-    ------
-    OptionError
-        If ``run`` is not a run, has no frame in time, or cannot be shown as requested.
     """
     if web + (screenshot is not None) + follow > 1:
         raise OptionError("--web, --screenshot and --follow are three ways to show a run: choose one")

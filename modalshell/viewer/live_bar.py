@@ -19,15 +19,12 @@ from modalshell.scene.scene import BARS_EVERY
 class LiveBar:
     """The last bar of a motion, found from its start on every 15 steps as in runs of scenes.
 
+    OptionError for a shell that its supports do not hold.
+
     Attributes
     ----------
     text : str
         What the last check says; "" before the first one.
-
-    Raises
-    ------
-    OptionError
-        For a shell that its supports do not hold.
     """
 
     def __init__(self, motion: Motion) -> None:

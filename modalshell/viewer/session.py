@@ -61,6 +61,8 @@ def _still_motion(units: UnitSystem) -> MotionTable:
 class ViewSession:
     """A scene in motion, to be played, paused, pulled at by gravity and given to another model.
 
+    SceneError where the scene is refused.
+
     Parameters
     ----------
     scene : Scene
@@ -98,11 +100,6 @@ class ViewSession:
         Why the last choice of a model was refused; empty if it was not.
     frame_milliseconds : float
         Work of the last frame, without drawing.
-
-    Raises
-    ------
-    SceneError
-        Where the scene is refused.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -186,15 +183,8 @@ class ViewSession:
         """Continue with another model or number of modes, in the present shape as nearly as the model can take it.
 
         With the same modal model the motion continues as well; any other model starts from rest in that shape, with the
-        folds that creases have kept.
-
-        Raises
-        ------
-        OptionError
-            For a model or number of modes that does not exist, or a model that cannot take the scene's steps. The
-            session then is as it was.
-        SolverError
-            If the modes cannot be computed.
+        folds that creases have kept. OptionError for a model or number of modes that does not exist, or a model that
+        cannot take the scene's steps. The session then is as it was. SolverError if the modes cannot be computed.
         """
         if name not in model_tables():
             raise OptionError(f"there is no model {name!r}; choose from {', '.join(model_tables())}")

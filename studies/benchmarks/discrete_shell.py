@@ -38,7 +38,7 @@ def assembly(energy: str = "hinges", side: int = 100) -> dict[str, Any]:
     x = shell.rest_positions + 1e-3 * np.random.default_rng(0).standard_normal(shell.rest_positions.shape)
     seconds = interleaved(
         {
-            "energy": lambda: shell.raw_energy(x),
+            "energy": lambda: shell.elastic_energy.energy(x),
             "force": lambda: shell.energy_gradient(x),
             "force and Hessian": lambda: shell.energy_gradient_hessian(x, EXACT),
             "force and projected Hessian": lambda: shell.energy_gradient_hessian(x, PROJECTED),
@@ -98,4 +98,4 @@ def energy_error(shell: ms.Shell, backend: str, run: ms.Trajectory) -> float:
 
 def _energy(shell: ms.Shell, load: Any, x: Any, v: Any) -> float:
     kinetic = 0.5 * float(np.sum(shell.mass[:, None] * v**2))
-    return shell.raw_energy(x) + kinetic - float(np.vdot(load, x))
+    return shell.elastic_energy.energy(x) + kinetic - float(np.vdot(load, x))

@@ -1,6 +1,6 @@
 """One large sheet over MPI ranks: implicit steps of springs, solved by PETSc.
 
-Every rank holds a block of neighbouring particles and the springs at them (:mod:`modalshell.springs.partition`). A step
+Every rank holds a block of neighbouring particles and the springs at them (:mod:`modalshell.springs.implicit`). A step
 exchanges the places and velocities of the block's rim; PETSc's conjugate gradients, preconditioned by an incomplete
 factor of every rank's own block (block Jacobi), exchange the rim and two sums an iteration. The answer is the one of
 :class:`modalshell.springs.implicit.ImplicitSprings`, to the tolerance of both.
@@ -32,9 +32,8 @@ from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.kernels.compiler import njit
 from modalshell.mesh.selection import held_vertices
-from modalshell.springs.implicit import TASKS, ImplicitStep
+from modalshell.springs.implicit import TASKS, ImplicitStep, rank_block
 from modalshell.springs.kernels import blocks as spring_blocks
-from modalshell.springs.partition import rank_block
 from modalshell.springs.springs import Springs, checked_masses
 from modalshell.springs.threads import limited_to
 

@@ -6,8 +6,7 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.models.reduction.derivatives import edge_changes
-from modalshell.models.reduction.reduced_energy import ReducedEnergy
-from modalshell.models.reduction.reduced_potential import ReducedPotential
+from modalshell.models.reduction.reduced_energy import ReducedEnergy, ReducedPotential
 from modalshell.statics.continuation import equilibrium
 from studies.theory.chapter_09_rotation_strain import strip
 

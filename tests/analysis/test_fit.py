@@ -8,7 +8,7 @@ from scenes import PLAIN
 
 import modalshell as ms
 from modalshell.analysis.fit import _is_least
-from modalshell.analysis.known_equilibrium import KnownEquilibrium
+from modalshell.analysis.fit_measurements import KnownEquilibrium
 from modalshell.core import cost as work
 
 SHEET = ms.Isotropic(young=1e6, poisson=0.3, thickness=4e-3, density=60.0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import modalshell as ms
-from modalshell.analysis.known_equilibrium import KnownEquilibrium
+from modalshell.analysis.fit_measurements import KnownEquilibrium
 from modalshell.core import cost as work
 
 SHEET = ms.Isotropic(young=1e6, poisson=0.3, thickness=4e-3, density=60.0)

@@ -7,7 +7,7 @@ import modalshell as ms
 from modalshell.contact.complementarity import complementary
 from modalshell.contact.local_shapes import LocalShapes
 from modalshell.contact.modal_kernels import local_at, local_shape
-from modalshell.contact.turning import Turning
+from modalshell.contact.modal_rows import Turning
 
 
 @pytest.fixture(scope="module")

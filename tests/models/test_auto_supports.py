@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import modalshell as ms
-from modalshell.models.auto.led_supports import LedSupports
+from modalshell.models.auto.loads_ahead import LedSupports
 from modalshell.models.auto.watching import Watch
 from modalshell.motion.stepping import Motion
 

@@ -7,7 +7,7 @@ from scenes import leaf
 import modalshell as ms
 from modalshell.models.reduction.derivatives import modal_derivatives
 from modalshell.models.reduction.reduced_energy import ReducedEnergy
-from modalshell.modes.orthonormal import orthonormal_extension
+from modalshell.modes.attachments import orthonormal_extension
 from modalshell.shell import GAUSS_NEWTON, MIXED
 from modalshell.shell.damping import Damping
 from modalshell.shell.elements import ElementSum

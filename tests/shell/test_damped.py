@@ -98,7 +98,9 @@ def test_its_derivatives_are_those_of_its_energy(shell, bent):
     damped, way = shell.damped(begun, FACTOR, DT), 0.01 * np.random.default_rng(6).standard_normal(bent.shape)
     (value, gradient, data), sizes = damped.energy_gradient_hessian(bent, EXACT), (1e-2, 5e-3, 2.5e-3)
     slope, curvature = float(np.sum(gradient * way)), float(way.ravel() @ damped.pattern.product(data, way.ravel()))
-    left = [abs(damped.raw_energy(bent + s * way) - value - s * slope - 0.5 * s**2 * curvature) for s in sizes]
+    left = [
+        abs(damped.elastic_energy.energy(bent + s * way) - value - s * slope - 0.5 * s**2 * curvature) for s in sizes
+    ]
     assert np.polyfit(np.log(sizes), np.log(left), 1)[0] == pytest.approx(3.0, abs=0.2)
 
 

@@ -16,7 +16,7 @@ import pytest
 
 from modalshell.core.errors import MeshError, OptionError
 from modalshell.springs import ImplicitSprings, Springs
-from modalshell.springs.partition import rank_block
+from modalshell.springs.implicit import rank_block
 from studies.benchmarks.ranked_springs import petsc
 from studies.benchmarks.ranks import hanging_sheet
 

@@ -11,8 +11,7 @@ from modalshell.core.cost import counted
 from modalshell.core.errors import SolverError
 from modalshell.core.timings import Timings
 from modalshell.models.reduction.derivatives import modal_derivatives
-from modalshell.models.reduction.reduced_energy import ReducedEnergy
-from modalshell.models.reduction.reduced_potential import ReducedPotential
+from modalshell.models.reduction.reduced_energy import ReducedEnergy, ReducedPotential
 from modalshell.modes import Factoriser
 from modalshell.shell import EXACT
 from modalshell.statics.continuation import equilibrium

@@ -10,11 +10,10 @@ import numpy as np
 
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array, Index
-from modalshell.integrators.free_parts import FreePart, FreeParts, axial, crossed, inertia_of
+from modalshell.integrators.free_parts import FittedFrames, FreePart, FreeParts, axial, crossed, inertia_of
 from modalshell.loads import Loading
 from modalshell.models.auto.sampled import SampledCheck
 from modalshell.models.base.bars import check_bar
-from modalshell.models.base.fitted_frames import FittedFrames
 from modalshell.models.motion_check import MotionCheck, balancing_load, instant_of, strained_ahead
 from modalshell.modes.rigid import left_free, rigid_motions
 from modalshell.shell import Shell

@@ -11,9 +11,17 @@ from typing import ClassVar, final
 import numpy as np
 
 from modalshell.core.typing import Array
-from modalshell.integrators.free_parts import FreeParts, axial, crossed, inertia_of, left_jacobian, turn_of, vector_of
+from modalshell.integrators.free_parts import (
+    FittedFrames,
+    FreeParts,
+    axial,
+    crossed,
+    inertia_of,
+    left_jacobian,
+    turn_of,
+    vector_of,
+)
 from modalshell.integrators.state import MotionState
-from modalshell.models.base.fitted_frames import FittedFrames
 from modalshell.models.base.free_frames import FreeFrames
 from modalshell.models.base.modal import ModalModel
 from modalshell.models.base.model import Model

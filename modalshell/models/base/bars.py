@@ -14,8 +14,7 @@ from modalshell.statics.branch_end import with_branch_end
 from modalshell.statics.error_bar import ErrorBar, ErrorEstimator
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.supports import SupportPath
-from modalshell.supports.constraints import Constraint, held_patches
-from modalshell.supports.led import LedVertices
+from modalshell.supports.constraints import Constraint, LedVertices, held_patches
 
 if TYPE_CHECKING:
     from modalshell.contact import Contact  # scenes without contacts do not import it

@@ -25,10 +25,9 @@ from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.free_statics import balanced, goes_along, pushed_share, refuse_drifting
 from modalshell.models.base.full_stepper import FullStepper
 from modalshell.models.base.model import RIGID_LOAD, Model
-from modalshell.models.base.sensitivity import checked_names, checked_state, checked_weights
+from modalshell.models.base.sensitivity import Tangent, checked_names, checked_state, checked_weights
 from modalshell.models.base.setup import MotionSetup
 from modalshell.models.base.stepper import Stepper
-from modalshell.models.base.tangent import Tangent
 from modalshell.modes import Factoriser, TangentStiffness, largest_eigenvalue, lowest_tangent_eigenvalue
 from modalshell.modes.rigid import left_free
 from modalshell.shell import EXACT, Shell
@@ -37,13 +36,12 @@ from modalshell.statics.bifurcation import BIFURCATION, LIMIT
 from modalshell.statics.boundary import continue_boundary, missed_by, reactions_of
 from modalshell.statics.continuation import equilibrium
 from modalshell.statics.creases import equilibrium_with_creases
-from modalshell.statics.flutter import without_flutter
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.newton import Factored
 from modalshell.statics.path import Followable
 from modalshell.statics.potential import Potential
 from modalshell.statics.refine import refine
-from modalshell.statics.verdict import verdict
+from modalshell.statics.verdict import verdict, without_flutter
 from modalshell.supports import Pose, SupportPath, Unknowns
 from modalshell.supports.constraints import Constraint, HeldPatch, held_patches
 

@@ -289,7 +289,7 @@ class Model(ABC):
 
     def elastic_energy(self, state: MotionState) -> float:
         """Elastic energy [J]."""
-        return self.shell.raw_energy(self.positions(state))
+        return self.shell.elastic_energy.energy(self.positions(state))
 
     def kinetic_energy(self, state: MotionState) -> float:
         """Kinetic energy [J], in the model's own frame."""

@@ -65,18 +65,14 @@ class ModalShape(ABC):
     follow by differences of fourth order, with errors about 1e-10; a model overrides them where it knows better. The
     shape is a function of ``Phi q`` and of the modal rotations ``Psi q`` alone, as sensitivities ask for it on modes
     that are not orthonormal. To first order about rest it is ``Phi q``: coordinates have unit mass, and positions are
-    projected onto the modes. :func:`modalshell.models.check.check_model` checks all of it.
+    projected onto the modes. :func:`modalshell.models.check.check_model` checks all of it. OptionError at its
+    definition, for a class that overrides a method that is no hook, or whose shape and derivatives are not of one
+    class.
 
     Attributes
     ----------
     straight : bool
         Whether displacements are linear in the coordinates, so that dead loads push the modes as they are.
-
-    Raises
-    ------
-    OptionError
-        At its definition, for a class that overrides a method that is no hook, or whose shape and derivatives are not
-        of one class.
     """
 
     name: str

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from modalshell.contact.active_set import ActiveSet, Rest
+from modalshell.contact.bodies import Plane
 from modalshell.contact.contact import Contact
 from modalshell.contact.layers import Layers
 from modalshell.contact.led import Led
-from modalshell.contact.plane import Plane
 from modalshell.contact.self_contact import SelfContact
 from modalshell.contact.static_friction import LOAD_STEPS, SLIDES, rest_with_friction
 from modalshell.contact.statics import rest_on_contacts, rest_on_layers, sides_note
@@ -27,9 +27,8 @@ from modalshell.models.base.free_statics import neutral_turn, parallel
 from modalshell.modes import Factoriser
 from modalshell.shell import EXACT
 from modalshell.statics.boundary import missed_by, reactions_of
-from modalshell.statics.flutter import fluttering
 from modalshell.statics.potential import Potential
-from modalshell.statics.verdict import verdict
+from modalshell.statics.verdict import fluttering, verdict
 from modalshell.supports import Symmetry
 from modalshell.supports.constraints import Constraint, held_patches
 
@@ -158,13 +157,8 @@ def equilibrium_on_contacts(
 
     With friction the load grows in steps from rest, but comes at once where there is a start. Where Newton's method
     fails from rest, it begins again at a ``guess`` (n, 3) in the world. Patches under constraints are led to their
-    targets, with friction once the load is there.
-
-    Raises
-    ------
-    OptionError
-        For what is no contact, for constraints with self-contact, or that lead into a collider, self-contact with
-        friction, or a start inside a collider.
+    targets, with friction once the load is there. OptionError for what is no contact, for constraints with
+    self-contact, or that lead into a collider, self-contact with friction, or a start inside a collider.
     """
     given, own, rubs = _checked(contacts, constraints)
     steps, before, shell = LOAD_STEPS if start is None else 1, dict(costs), problem.shell

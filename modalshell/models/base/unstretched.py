@@ -162,4 +162,4 @@ def _stiffness(shell: Shell, way: Array) -> float:
     """Second derivative [J] of the energy by a uniform stretch along ``way``."""
     x = np.array(shell.rest_positions)
     stretch = _STRAIN * np.outer((x - x.mean(axis=0)) @ way, way)
-    return float((shell.raw_energy(x + stretch) + shell.raw_energy(x - stretch)) / _STRAIN**2)
+    return float((shell.elastic_energy.energy(x + stretch) + shell.elastic_energy.energy(x - stretch)) / _STRAIN**2)

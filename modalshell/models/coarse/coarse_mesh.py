@@ -46,16 +46,9 @@ def remeshed_to_supports(shell: Shell, triangles: int) -> TriangleMesh:
     follows as a further part, which bears the loads that act there; it has no unknowns. Vertices are moved onto clamped
     points and lines, and onto the ends and corners of clamped lines along the boundary. Junctions, creases and the
     bounds of regions keep edges along them. Walls between sharp folds or junctions that get one cell across have no
-    shape of their own: a :class:`ModalShellWarning` says how much of the surface they are.
-
-    Raises
-    ------
-    OptionError
-        If MeshLab is not installed (extra ``remesh``), or ``triangles`` is not fewer than the shell has.
-    MeshError
-        If MeshLab fails on this surface.
-    SupportError
-        If a clamp has no place on a mesh so coarse.
+    shape of their own: a :class:`ModalShellWarning` says how much of the surface they are. OptionError if MeshLab is
+    not installed (extra ``remesh``), or ``triangles`` is not fewer than the shell has. MeshError if MeshLab fails on
+    this surface. SupportError if a clamp has no place on a mesh so coarse.
     """
     mesh = shell.mesh
     if triangles >= len(mesh.faces):

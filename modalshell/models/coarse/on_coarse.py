@@ -26,7 +26,7 @@ class OnCoarse(ImplicitModel):
 
     def contact_motion(self, setup: MotionSetup, origin: Array) -> Any:
         """What takes the steps of a motion with contacts: those that contacts press on are the coarse shell's."""
-        from modalshell.models.coarse.contact_motion import CoarseContactMotion  # not without contacts
+        from modalshell.models.coarse.contacts import CoarseContactMotion  # not without contacts
 
         if self.shell.creases is not None:
             raise OptionError("coarse DS in motion takes contacts or creases, not both: take ms.DiscreteShell")

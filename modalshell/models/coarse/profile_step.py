@@ -28,7 +28,7 @@ from modalshell.shell.damping import Damping
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
 from modalshell.statics.error_bar import ErrorEstimator, QuickCheck
 from modalshell.statics.margin import probe
-from modalshell.supports.led import LedVertices
+from modalshell.supports.constraints import LedVertices
 
 _PRODUCTS, _CHECKED = 4e7, 1e8
 """Multiplications of a factorisation above which sparse steps, which keep their factors, are quicker; and checks."""

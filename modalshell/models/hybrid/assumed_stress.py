@@ -10,18 +10,22 @@ are evaluated as they are.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple, final
 
 import numpy as np
 import scipy.linalg
 
 from modalshell.core.typing import Array, Index
 from modalshell.kernels.packed import BYTES, LANES
+from modalshell.models.hybrid.energy_kernels import evaluate
 from modalshell.models.hybrid.hinge_measures import HingeMeasures
 from modalshell.models.hybrid.measures import NONE_TURNED, Bending, Measures
 from modalshell.models.hybrid.split_fold_measures import SplitFoldMeasures
-from modalshell.shell import Shell
+from modalshell.shell import EXACT, Shell
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
+from modalshell.statics.dense import DenseProblem
 
 
 class Quadratic(NamedTuple):
@@ -120,3 +124,48 @@ def position_modes(shell: Shell, leading: Array, snapshots: Array, count: int, s
     basis = _extended(first, root * snapshots, count) / root
     _, turned = np.linalg.eigh(basis.T @ (stiffness @ basis))
     return np.asarray(basis @ turned)
+
+
+@final
+@dataclass(frozen=True)
+class StressPotential(DenseProblem):
+    """The potential ``E(z) - p . z`` of coordinates z (m,) of unit mass, with p the load; the origin is rest: zeros."""
+
+    reduced: ReducedStress
+    """E. Its Hessian leaves out the second derivatives of the angles of hinges that are bent at rest."""
+    scaling: Array
+    """Square root (m,) of the stiffness of each coordinate at rest."""
+    change: Callable[[Array], float]
+    """Largest relative change of an edge vector by a step in z."""
+    count: Callable[[int], None]
+    """Counts a number of evaluations of the energy."""
+
+    load_step: ClassVar = 0.5
+    path_goal: ClassVar = 1e-4
+    snaps: ClassVar = 3
+
+    def potential(self, x: Array) -> tuple[float, Array]:
+        """The whole potential [J] and its gradient (m,)."""
+        value, _, _, gradient, _ = self._evaluated(x, None)
+        return value - float(self.load @ x), gradient - self.load
+
+    def linearise(self, x: Array, geometric: int, stresses: list[Array] | None = None) -> tuple[Array, Array]:
+        """Gradient (m,) and Hessian (m, m)."""
+        present = self._evaluated(x, None)[1][: self._modes] if geometric == EXACT else None
+        _, _, _, gradient, lower = self._evaluated(x, stresses[0] if stresses else present)
+        return gradient - self.load, np.tril(lower) + np.tril(lower, -1).T
+
+    def moved(self, x: Array, direction: Array, reach: float | None = None) -> tuple[Array, list[Array], float]:
+        """A straight step, cut where an edge would change by more than ``reach`` of its length."""
+        fraction = 1.0 if reach is None else min(1.0, reach / max(self.change(direction), 1e-300))
+        step = fraction * direction
+        _, strains, slopes, _, _ = self._evaluated(x, None)
+        return x + step, [strains[: self._modes] + slopes[: self._modes] @ step], fraction
+
+    @property
+    def _modes(self) -> int:
+        return self.reduced.membrane.modes
+
+    def _evaluated(self, z: Array, stresses: Array | None) -> tuple[float, Array, Array, Array, Array]:
+        self.count(1)
+        return evaluate(self.reduced, z, np.zeros(self._modes) if stresses is None else stresses)

@@ -11,6 +11,7 @@ from modalshell.core.cost import count_read
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.integrators.free_parts import (
+    FittedFrames,
     axial,
     crossed,
     inertia_of,
@@ -21,7 +22,6 @@ from modalshell.integrators.free_parts import (
 )
 from modalshell.integrators.full.composite import no_middle
 from modalshell.integrators.state import MotionState
-from modalshell.models.base.fitted_frames import FittedFrames
 from modalshell.models.base.free_frames import FreeFrames
 from modalshell.models.coarse.free_parts import ProlongedParts
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell

@@ -18,8 +18,7 @@ from modalshell.models.hybrid.assumed_stress import ReducedStress, measures_of
 from modalshell.models.hybrid.assumed_stress_step import STEP_GOAL, implicit_step, reduced_start
 from modalshell.models.hybrid.coarse_states import CoarseShape
 from modalshell.models.hybrid.energy_kernels import evaluate
-from modalshell.models.hybrid.flat_record import flat_record
-from modalshell.models.hybrid.surface import surface_of
+from modalshell.models.hybrid.flat_record import flat_record, surface_of
 from modalshell.models.hybrid.training import SMALL, Trained
 from modalshell.models.hybrid.whole_step import whole_step
 from modalshell.shell.damping import Damping

@@ -12,11 +12,11 @@ import numpy as np
 from modalshell.core.checks import checked_count, checked_number
 from modalshell.core.errors import ModalShellWarning, OptionError, SolverError
 from modalshell.core.typing import Array, Index, Progress
+from modalshell.integrators.free_parts import FittedFrames, FreeParts
 from modalshell.integrators.full import BDF2
 from modalshell.integrators.full.implicit_rule import EulerStart, EulerSteps
 from modalshell.integrators.state import MotionState
 from modalshell.kernels.rotations import largest_turn
-from modalshell.models.base.fitted_frames import FittedFrames
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.hybrid.assumed_stress import (
     ReducedStress,
@@ -27,7 +27,7 @@ from modalshell.models.hybrid.assumed_stress import (
 )
 from modalshell.models.hybrid.assumed_stress_step import STEP_GOAL, implicit_step, reduced_start
 from modalshell.models.hybrid.measures import NONE_TURNED, Measures
-from modalshell.models.hybrid.training_loads import TrainingLoads
+from modalshell.modes import lowest_modes
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 
@@ -69,6 +69,37 @@ SMALL = 0.02
 
 RULE = BDF2()
 """Steps of motions in training, those of the models."""
+_FALLING = 0.05
+"""Turn [rad] to train on where loads bend free parts less: what bends them in flight follows from their motion."""
+
+
+@final
+class TrainingLoads:
+    """What parts without supports are trained on: loads that leave their frames at rest.
+
+    A dead load in the frame, balanced by inertia, and loads of the lowest elastic modes; these turn a vertex as the
+    balanced load does, or by a twentieth of a radian where that is less.
+    """
+
+    def __init__(self, coarse: Shell, load: Array, count: int) -> None:
+        self.frames = FittedFrames(coarse.rest_positions, FreeParts.of(coarse))
+        self.rigid = 6 * len(self.frames.parts)
+        modes = lowest_modes(coarse, min(self.rigid + count, coarse.free_unknowns.size))[0]
+        self.lowest, self.eigenvalues = modes.modes[:, self.rigid :], modes.eigenvalues[self.rigid :]
+        turns = np.linalg.norm(modes.rotations[:, self.rigid :].reshape(-1, 3, self.eigenvalues.size), axis=1)
+        self._turns, self._mass = turns.max(axis=0), np.repeat(coarse.mass, 3)
+        balanced = self.frames.load_in_frames(coarse.rest_positions, load).ravel() @ self.lowest / self.eigenvalues
+        self.size = max(_FALLING, float(np.abs(balanced * self._turns).max(initial=0.0)))
+        """Turn [rad] of a vertex."""
+
+    def drawn(self, load: Array, rng: np.random.Generator) -> Array:
+        """A load (k, 3) [N] about one that was drawn; that itself where all parts are held."""
+        if not self.frames.parts:
+            return load
+        softer = self.eigenvalues[0] / self.eigenvalues  # forces of all modes are alike: stiff ones bend less
+        q = self.size * softer / self._turns * rng.standard_normal(self._turns.size)
+        further = self._mass * (self.lowest @ (self.eigenvalues * q))
+        return self.frames.load_in_frames(self.frames.rest, load) + further.reshape(-1, 3)
 
 
 @final
@@ -231,7 +262,7 @@ def _reduce(
     displacements = _evened(moves, np.sqrt(np.repeat(coarse.mass, 3))[:, None] * moves)
     basis = position_modes(coarse, lowest[:, :_LINEAR], displacements, modes, coarse.stiffness())
     stresses = stress_modes(measures, leading, _evened(elastic, measures.scaled(elastic)), modes)
-    energy = max(coarse.raw_energy(frame) for frame in frames[::5])
+    energy = max(coarse.elastic_energy.energy(frame) for frame in frames[::5])
     return Trained(basis, stresses, 0.0, 1.0, energy, ""), reduce_energy(measures, basis, stresses)
 
 

@@ -86,7 +86,7 @@ def settle(
 ) -> Settled:
     """Least potential outside the colliders, by mixed Newton with contacts from ``begin``.
 
-    ``problem`` is a :class:`~modalshell.models.reduction.reduced_potential.ReducedPotential`, ``scale`` the size of its
+    ``problem`` is a :class:`~modalshell.models.reduction.reduced_energy.ReducedPotential`, ``scale`` the size of its
     load, to which the residual relates, ``stresses`` those predicted at the beginning. Without a load and contact
     forces the residual is over the forces ``at_start``.
     """

@@ -18,8 +18,7 @@ from modalshell.core.timings import Stopwatch
 from modalshell.core.typing import Array, Index
 from modalshell.models.reduction.candidates import candidates_of, picked
 from modalshell.models.reduction.derivatives import DerivativeBasis
-from modalshell.models.reduction.reduced_energy import ReducedEnergy
-from modalshell.models.reduction.reduced_potential import ReducedPotential
+from modalshell.models.reduction.reduced_energy import ReducedEnergy, ReducedPotential
 from modalshell.shell import Shell
 from modalshell.statics.continuation import equilibrium
 from modalshell.statics.newton import NewtonResult

@@ -10,8 +10,8 @@ from modalshell.core.errors import SolverError
 from modalshell.core.memory import demand_memory
 from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
+from modalshell.modes.attachments import orthonormal_extension
 from modalshell.modes.basis import Basis
-from modalshell.modes.orthonormal import orthonormal_extension
 from modalshell.modes.rigid import RigidFreeSolver
 from modalshell.shell import EXACT, Shell
 

@@ -138,6 +138,9 @@ def _stay(fit, rows, part, state, derivatives, limits):  # type: ignore[no-untyp
 def stay_twice(fit, work, rows, step, state, derivatives, limits, out):  # type: ignore[no-untyped-def]
     """Both parts of a step of SDIRK2 in which all of some vertices stay pushed.
 
+    Returns the elastic energy [J] beyond the modes, whether all stay, how often all triangles were read but for the
+    force, and what :func:`arrive` returns.
+
     Parameters
     ----------
     fit : tuple
@@ -162,12 +165,6 @@ def stay_twice(fit, work, rows, step, state, derivatives, limits, out):  # type:
         [m] each coordinate may move a vertex.
     out : ndarray
         Coordinates and rates (2, m) at the end, and the modal force (m,) of the second part.
-
-    Returns
-    -------
-    tuple
-        Elastic energy [J] beyond the modes, whether all stay, how often all triangles were read but for the force, and
-        what :func:`arrive` returns.
     """
     q, rates, compliance, eigenvalues, dt, gamma = step
     ends, force = out
