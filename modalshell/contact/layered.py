@@ -79,7 +79,6 @@ class Patterns:
     def __init__(self, backend: str | None) -> None:
         self._backend = backend
         self._whole: SparsePattern | None = None
-        self._blocks = sps.csr_array((0, 0), dtype=bool)
         self._places = np.empty(0, np.int64)
         self._entries = 0
         self._factoriser: Factoriser | None = None
@@ -97,18 +96,19 @@ class Patterns:
             whole, slots = self._grow(shell, [*stencils, layers.near_pairs, self.expected])
         total = np.zeros(whole.size)
         total[self._places] = data[: self._places.size]
-        total[whole.indices.size :] = data[self._places.size :]
+        total[whole.block_size :] = data[self._places.size :]
         layers.add_hessian(x, slots, whole.strides, total, definite=definite)
         return whole.free_matrix(total)
 
     def _slots(self, whole: SparsePattern, stencils: list[Index]) -> list[Index] | None:
         """Where the blocks (p, 4, 4) of pairs begin; None where one has no place."""
-        slots = []
+        slots, blocks = [], whole.blocks
         for stencil in stencils:
             known, own = self._last
             if stencil is not known:
-                own = block_slots(stencil, stencil, self._blocks, 6, 0, whole.size)
-                if own.min(initial=0) < 0 or (whole.indices[own] != 3 * stencil[:, None, :]).any():
+                own = block_slots(stencil, stencil, blocks, 6, 0, whole.size)
+                found = own // 3 - blocks.indptr[stencil][:, :, None]
+                if own.min(initial=0) < 0 or (blocks.indices[found] != stencil[:, None, :]).any():
                     return None
             slots.append(own)
         self._last = stencils[-1], slots[-1]
@@ -123,12 +123,11 @@ class Patterns:
         whole, slots = build_pattern(len(own.strides), [couples, *stencils], shell.unknowns, own.internal)
         inside = np.arange(3)
         first = block_slots(rows[:, None], couples[:, 1:], blocks, 6, 0, own.size)
-        places = np.empty(own.indices.size, np.int64)
+        places = np.empty(own.block_size, np.int64)
         places[first + own.strides[rows][:, None, None] * inside[:, None] + inside] = (
             slots[0][:, :1, 1:] + whole.strides[rows][:, None, None] * inside[:, None] + inside
         )
         self._whole, self._places, self._factoriser = whole, places, Factoriser(self._backend)
-        self._blocks = whole.blocks
         self._entries = whole.free_matrix(np.zeros(whole.size)).nnz
         self._last = stencils[1], slots[2]
         return whole, slots[1:]

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from modalshell.contact.active_set import Rest
-from modalshell.contact.bodies import Plane
 from modalshell.contact.contact import Contact
+from modalshell.contact.plane import Plane
 from modalshell.contact.touching import Touching
 from modalshell.core.typing import Array
 from modalshell.models.base.free_statics import DriftingPart, parallel

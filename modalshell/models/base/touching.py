@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from modalshell.contact.active_set import ActiveSet, Rest
-from modalshell.contact.bodies import Plane
 from modalshell.contact.contact import Contact
 from modalshell.contact.layers import Layers
 from modalshell.contact.led import Led
+from modalshell.contact.plane import Plane
 from modalshell.contact.self_contact import SelfContact
 from modalshell.contact.static_friction import LOAD_STEPS, SLIDES, rest_with_friction
 from modalshell.contact.statics import rest_on_contacts, rest_on_layers, sides_note

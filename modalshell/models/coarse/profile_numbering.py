@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sps
@@ -29,7 +29,7 @@ def numbering_of(shell: Shell) -> Numbering:
     those blocks that is found afterwards takes two to three times the products on meshes without a grid.
     """
     free, pattern = shell.free, shell.pattern
-    parts = [(pattern.blocks[free][:, free], 0, 0)]
+    parts: list[tuple[Any, int, int]] = [(pattern.blocks[free][:, free], 0, 0)]
     count = 0
     if (inner := pattern.internal) is not None:
         coupling, count = inner.vertices[:, free], inner.count
