@@ -278,8 +278,8 @@ def descend(problem: Any, rules: Rules) -> Solved:
 def leave_saddle(problem: Any, value: float) -> tuple[float, float]:
     """Move the iterate off a saddle; the potential there, and a drag that steadies the way down.
 
-    Both ways are tried. Steps double for as long as the potential falls: the first valley is looked for, not the
-    deepest one.
+    Both ways are tried. Steps double for as long as the potential falls, or stays to rounding, as it does at first where
+    the valley is shallow: the first one is looked for, not the deepest.
     """
     x, slots = problem.x, problem.slots
     write(x, slots[START])
@@ -290,7 +290,7 @@ def leave_saddle(problem: Any, value: float) -> tuple[float, float]:
         for halvings in range(HALVINGS, 0, -1):
             step_aside(problem, sign * 0.5**halvings)
             reached = potential(problem)[0]
-            if not reached < last:
+            if not reached <= last + HIGHER * abs(last):
                 break
             last = reached
             if reached < value:

@@ -108,7 +108,7 @@ def _smooth(
     drifted = rest_on_planes(problem, touching, origin, first, solve)
     if drifted is None:
         rest = solve(problem, touching)
-        return _Found(rest if rest.stable else rest_on_faces(problem, touching, origin, first, rest, solve))
+        return _Found(rest_on_faces(problem, touching, origin, first, rest, solve))
     return _Found(drifted[0], failure=drifted[1] or _UNSETTLED)
 
 
