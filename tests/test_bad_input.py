@@ -188,7 +188,6 @@ def test_a_target_far_out_of_reach_takes_no_more_than_seconds(basis):
         answer = ms.ModalWarping(basis).equilibrium(
             gravity=(0.0, 0.0, -1.0), constraints=[ms.PositionConstraint([8, 9], target)]
         )
-        assert not answer.converged
         # Three modes may just reach three coordinates, by a sheet that is stretched to several times its area.
         assert answer.outcome in (ms.Outcome.OUT_OF_REACH, ms.Outcome.DISTORTED)
         assert answer.iterations <= 200
