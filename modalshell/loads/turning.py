@@ -35,7 +35,8 @@ class EdgeMoment(LiveLoad, ReadOnlyArrays, key="moment"):
     m : float
         Moment for each length of the edges at rest [N]. On a boundary edge a positive one bends the surface towards
         its normals: the corner off the edge is pushed against the normal, so that the free edge rises along it. An
-        edge between two triangles gets half of it from either one, in opposite senses about the edge.
+        edge between two triangles gets half of it from either one, in opposite senses about the edge. Edges where three
+        sheets meet, or a one-sided surface turns over, take none.
 
     Raises
     ------
@@ -48,8 +49,14 @@ class EdgeMoment(LiveLoad, ReadOnlyArrays, key="moment"):
         self.m = checked_number("m", m, unit="N", error=LoadError)
 
     def applied(self, mesh: TriangleMesh, mass: Array) -> AppliedLoad:  # noqa: ARG002
-        """The couples; OptionError where ``sel`` selects no edge of ``mesh``."""
+        """The couples; OptionError where ``sel`` selects no edge of ``mesh``, or one without two sides."""
         chosen = selected("sel", self.sel, mesh)
+        joined = mesh.edges[mesh.joints.edges]
+        if (taken := chosen[joined].all(axis=1)).any():
+            raise OptionError(
+                f"sel selects the edge between the vertices {joined[taken][0].tolist()}, where three sheets meet or "
+                "the surface turns over, so that a moment has no sense there: leave one of them out, or take forces"
+            )
         stencils = []
         for apex in range(3):
             turned = np.roll(np.asarray(mesh.faces, dtype=np.int64), -1 - apex, axis=1)  # first two: the edge

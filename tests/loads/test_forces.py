@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from junctions import moebius
 from scenes import held
 
 import modalshell as ms
@@ -70,6 +71,18 @@ def test_selections_that_are_none_are_refused_where_the_load_is_made(kind):
     for sel, message in refused:
         with pytest.raises(ms.OptionError, match=message):
             kind(sel=sel, **given.get(kind, {"force": (0, 0, 1)}))
+
+
+def test_a_moment_is_refused_where_an_edge_has_no_two_sides():
+    """Each triangle took its part by its own winding, so that the couple depended on that."""
+    points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, -1, 1], [0, -1, -1]]
+    tee = ms.TriangleMesh(np.array(points, float), [[0, 1, 2], [1, 0, 3], [1, 0, 4]])
+    with pytest.raises(ms.OptionError, match=r"edge between the vertices \[0, 1\], where three sheets meet"):
+        ms.EdgeMoment([0, 1], 1.0).force(tee)
+    assert np.abs(ms.EdgeMoment([0, 2], 1.0).force(tee)).max() > 0.1
+    strip = moebius()
+    with pytest.raises(ms.OptionError, match="turns over"):
+        ms.EdgeMoment(np.unique(strip.edges[strip.seams]), 1.0).force(strip)
 
 
 def test_loads_act_in_statics_as_their_forces_do(mesh, end):
