@@ -1,4 +1,4 @@
-"""What a fit compares with measurements: positions under one load or along a load curve, or natural frequencies."""
+"""What a fit compares with measurements, positions or natural frequencies, and equilibria next to a known one."""
 
 from __future__ import annotations
 

@@ -72,18 +72,19 @@ def hold_one_end(mesh: ms.TriangleMesh, gravity: Array) -> tuple[NDArray[np.bool
             "--clamp"
         )
     name = "xyz"[axis]
+    if parts == 1 and not (end := _written_end(along, held)):
+        return held, f"holds the triangle of lowest {name} ({held.sum()} vertices)"
     if parts == 1:
-        end = _written_end(along, held)
         return held, f'holds the end "{name} <= {end}" ({held.sum()} vertices)'
     return held, f"holds the end of lowest {name} of each of {parts} parts ({held.sum()} vertices)"
 
 
 def _written_end(along: Array, held: NDArray[np.bool_]) -> str:
-    """The bound of coordinates ``along`` (n,) in as few digits as, given to --clamp, hold the same vertices again."""
+    """The shortest bound of ``along`` (n,) by which --clamp holds the same vertices; "" where there is none."""
     last = float(along[held].max())
     inside = last + 0.01 * (float(along[~held].min()) - last)  # where the last itself is not a short number
     tries = (f"{value:.{digits}g}" for digits in range(6, 18) for value in (last, inside))
-    return next((text for text in tries if np.array_equal(along <= float(text), held)), f"{last:.6g}")
+    return next((text for text in tries if np.array_equal(along <= float(text), held)), "")
 
 
 def assumed(size: float, young: object, thickness: object) -> tuple[dict[str, float], str]:

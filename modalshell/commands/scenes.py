@@ -1,4 +1,4 @@
-"""Commands on a scene file."""
+"""Commands on a scene file, and the files of measurements that a fit reads."""
 
 from __future__ import annotations
 

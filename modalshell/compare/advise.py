@@ -1,4 +1,4 @@
-"""Advice: the cheapest model that meets an error and a frame rate, from measurements."""
+"""Advice: the cheapest model that meets an error and a frame rate, and the loads next to snaps that it misses."""
 
 from __future__ import annotations
 
@@ -33,20 +33,20 @@ from modalshell.shell import Shell
 
 _REASONS: dict[str, str] = {Outcome.STOPPED: "its static answers cost several times those of DS"}
 """Outcomes of static answers that a reader of advice would not understand, as reasons."""
-NEAREST = 3e-4
+_NEAREST = 3e-4
 """Distance from a snap's load within which nothing is said of any rung but DS, relative to it."""
 _HALVINGS = 4
-"""Times that a distance from a snap is halved: from half a per cent to :data:`NEAREST`."""
+"""Times that a distance from a snap is halved: from half a per cent to :data:`_NEAREST`."""
 
-Check = Callable[[float, Array], Array | None]
+_Check = Callable[[float, Array], Array | None]
 """Of a share of the load, and where DS is nearby (n, 3): where DS is there, if the rung is right there; else None."""
 
 
 def missed_loads(row: Measurement, case: Case, path: LoadPath, error: float) -> list[tuple[float, float]]:
     """Shares of the load, from one to another next to each snap, between which a rung may be more than ``error`` off.
 
-    There it snaps under another load than DS, if only a little, and meets the error where it was measured. From those
-    next to a snap the loads at which it is compared with DS are brought nearer to the snap, by halves of the distance,
+    It snaps under another load than DS, if only a little. It meets the error at the loads where it was measured. From
+    the measured loads next to a snap it is compared with DS nearer and nearer to the snap, by halves of the distance,
     as far as it meets the error.
     """
     if row.is_truth or row.model is None:
@@ -61,7 +61,7 @@ def missed_loads(row: Measurement, case: Case, path: LoadPath, error: float) -> 
     return [_around(snap, path, check) for snap in path.snaps]
 
 
-def _around(snap: Snap, path: LoadPath, check: Check) -> tuple[float, float]:
+def _around(snap: Snap, path: LoadPath, check: _Check) -> tuple[float, float]:
     """The loads around one snap; the measured ones where it was not located."""
     answers = zip((*path.factors, *path.near), (*path.answers, *path.near_answers), strict=True)
     known = {share: answer.positions for share, answer in answers if answer.converged}
@@ -70,13 +70,13 @@ def _around(snap: Snap, path: LoadPath, check: Check) -> tuple[float, float]:
     if snap.stable is None:
         return low, high
     if low in known:
-        low = _nearer(low, (1.0 - NEAREST) * snap.low, known[low], check)
+        low = _nearer(low, (1.0 - _NEAREST) * snap.low, known[low], check)
     if high in known:
-        high = _nearer(high, (1.0 + NEAREST) * snap.high, known[high], check)
+        high = _nearer(high, (1.0 + _NEAREST) * snap.high, known[high], check)
     return low, high
 
 
-def _nearer(right: float, nearest: float, start: Array, check: Check) -> float:
+def _nearer(right: float, nearest: float, start: Array, check: _Check) -> float:
     """The share nearest to ``nearest`` at which a rung is right, from one where it is; DS is at ``start`` there."""
     wrong, tried = None, nearest
     for _ in range(1 + _HALVINGS):

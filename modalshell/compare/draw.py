@@ -76,7 +76,7 @@ def on_front(errors: Sequence[float | None]) -> list[bool]:
 def draw_shapes(shapes: Sequence[Shapes], path: str | Path, titles: Sequence[str] | None = None) -> Path:
     """Draw the shape of each rung's best size over the outline of DS.
 
-    Of several tradeoffs each has a row under its title, or its case, and rungs without an answer in one are left out.
+    Of several tradeoffs each has a row below its title, by default its case, with the rungs that have an answer in all.
     """
     rows = [best_sizes(findings) for findings, _, _ in shapes]
     common = set.intersection(*({row["rung"] for row in best} for best in rows))

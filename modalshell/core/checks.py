@@ -181,7 +181,7 @@ def checked_vectors(
 
 
 def unit_vector(name: str, value: Any, error: type[ModalShellError]) -> NDArray[np.float64]:
-    """Return ``value`` (3,) over its length, an axis to the last bit, else raise ``error``."""
+    """Return ``value`` (3,) over its length, read-only, else raise ``error``; a direction along an axis is exact."""
     vector = checked_vectors(name, value, (3,), error)
     length = float(np.linalg.norm(vector))
     if length == 0.0:

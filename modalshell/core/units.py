@@ -194,7 +194,9 @@ def at_most(value: float, digits: int = 2) -> str:
     """A positive bound in a number of digits, rounded towards zero: what obeys the text obeys the bound."""
     text = f"{value:.{digits}g}"
     last = 10.0 ** (floor(log10(value)) + 1 - digits)
-    return text if float(text) <= value else f"{value - 0.5 * last:.{digits}g}"
+    if float(text) > value:
+        text = f"{value - 0.5 * last:.{digits}g}"
+    return f"{float(text):g}"
 
 
 def in_percent(share: float) -> str:

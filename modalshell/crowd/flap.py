@@ -19,8 +19,7 @@ class Flap:
 
     The force on a vertex is its mass times one acceleration along z, so that wings bend about where they are held. Its
     strength follows the load factor ``n = |g - a| / |g|`` of the flight: one at steady flight, more in a turn or a
-    climb that speeds up, less in a dive. OptionError if a parameter is out of range, the shell is free, or its modes do
-    not answer to a force along z.
+    climb that speeds up, less in a dive.
 
     Parameters
     ----------
@@ -38,6 +37,11 @@ class Flap:
     ----------
     force : ndarray, shape (m,)
         Modal force at the height of a beat at n = 1.
+
+    Raises
+    ------
+    OptionError
+        If a parameter is out of range, the shell is free, or its modes do not answer to a force along z.
     """
 
     def __init__(self, basis: Basis, *, amplitude: float, frequency: float, largest_load_factor: float = 3.0) -> None:

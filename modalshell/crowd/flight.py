@@ -32,8 +32,6 @@ _MOST_BIRDS = 20_000
 class Flight:
     """A flock whose boids each carry an instance of a crowd, banked, accelerated and flapping as they fly.
 
-    OptionError if the crowd is of another size, or gravity is zero.
-
     Parameters
     ----------
     flock : Flock
@@ -48,6 +46,11 @@ class Flight:
         Where the flock is drawn (3,) [m] at a time [s].
     seed : int
         Of the phases of the wing beats.
+
+    Raises
+    ------
+    OptionError
+        If the crowd is of another size, or gravity is zero.
     """
 
     def __init__(
@@ -104,8 +107,7 @@ class Flight:
     ) -> Page:
         """A self-contained web page that continues the flight from here on the browser's GPU, in single precision.
 
-        Modal forces are those of LMA, ``Phi^T f`` in each bird's frame; positions are those of MWTS. OptionError for
-        more birds or modes than a browser takes, or a camera in its target.
+        Modal forces are those of LMA, ``Phi^T f`` in each bird's frame; positions are those of MWTS.
 
         Parameters
         ----------
@@ -119,6 +121,11 @@ class Flight:
             Headline of the page.
         units : UnitSystem
             Units of the flock's numbers, ``dt`` and ``duration`` with them; the page plays at real speed.
+
+        Raises
+        ------
+        OptionError
+            For more birds or modes than a browser takes, or a camera in its target.
         """
         flock, crowd, flap = self.flock, self.crowd, self.flap
         dt, duration = checked_number("dt", dt, above=0.0), checked_number("duration", duration, above=0.0)

@@ -187,7 +187,6 @@ class ShellCrowd(ABC):
         """Move positions towards those of RSW, as much as each instance's share says.
 
         Shares that change smoothly with the distance from the viewer show no jump. Forces stay those of the levels.
-        Returns the largest distance [m] of a vertex by RSW from where it was; zero without a share.
 
         Parameters
         ----------
@@ -197,6 +196,11 @@ class ShellCrowd(ABC):
             From 0, as it is, to 1, RSW.
         out : ndarray, shape (B, n, 3)
             What :meth:`positions` gave with the same ``rotations`` and ``translations``; changed in place [m].
+
+        Returns
+        -------
+        ndarray, shape (B,)
+            Largest distance [m] of a vertex by RSW from where it was; zero without a share.
         """
         if model.basis is not self.basis:
             raise OptionError("the model must have the crowd's own basis")

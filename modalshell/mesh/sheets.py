@@ -1,7 +1,8 @@
-"""Splitting of a triangle soup into manifold, two-sided sheets.
+"""Consistent winding of triangles, and splitting of a triangle soup into manifold, two-sided sheets.
 
-Faces are joined over edges by pairs of half-edges; faces round a vertex that no chain of pairs joins get vertices of
-their own. This splits edges with three or more faces, and vertices at which two fans of faces meet, in one step.
+To split, faces are joined over edges by pairs of half-edges; faces round a vertex that no chain of pairs joins get
+vertices of their own. This splits edges with three or more faces, and vertices at which two fans of faces meet, in one
+step.
 """
 
 from __future__ import annotations

@@ -57,8 +57,6 @@ def write_film(
 ) -> Path:
     """Write a film of surfaces, moving or not.
 
-    OptionError for motions that fit neither the surfaces nor one another, and options out of range.
-
     Parameters
     ----------
     path : str or Path
@@ -93,6 +91,11 @@ def write_film(
         A text for the lower left of each frame; none where left out.
     on_frame : callable, optional
         Called as ``on_frame(done, total)`` after each frame; what it raises ends the film and leaves no file.
+
+    Raises
+    ------
+    OptionError
+        For motions that fit neither the surfaces nor one another, and options out of range.
     """
     shown = list(surfaces)
     moves, count = (list(motions), total) if total is not None else _checked_motions(shown, motions)

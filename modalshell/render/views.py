@@ -51,7 +51,7 @@ def draw_views(
     title : str, optional
         Text above all cells.
     headings : sequence of str
-        Text at the left above each row of cells; none by default.
+        Text at the left above each row of cells, one for each row; none by default.
     colormap : str
         Matplotlib colour map for scalars.
     scalar_range : tuple of float, optional
@@ -78,6 +78,9 @@ def draw_views(
         )  # fmt: skip
 
     page = layout(columns or _best_columns(cells[0], clouds[0], len(cells), size))
+    rows = -(-len(cells) // page.columns)
+    if len(headings) not in (0, rows):
+        raise OptionError(f"headings must be one for each of the {rows} rows, or none (got {len(headings)})")
     if page.cell[0] < 48 or page.cell[1] < 48:
         raise OptionError(f"size {size} leaves cells of {page.cell} pixels for {len(cells)} views; make it larger")
     images = []

@@ -15,12 +15,12 @@ from modalshell.core.errors import FileFormatError, ModalShellError, ModalShellW
 from modalshell.core.typing import Array
 from modalshell.core.units import UnitSystem
 from modalshell.files.atomic_io import read_record
-from modalshell.models.registry import TRUTH
 from modalshell.modes import solve_modes
 from modalshell.modes.rigid import rigid_motions
 from modalshell.motion import Trajectory
 from modalshell.motion.fields import shell_at
 from modalshell.page.report import shell_numbers
+from modalshell.run.balance import has_reactions, held_by_supports
 from modalshell.run.protocol import run_identity
 from modalshell.scene import ShellScene
 from modalshell.scene.index_files import numbered
@@ -35,16 +35,6 @@ _COARSER = (0.5, 0.7)
 
 
 _NO_REACTIONS = "none: the shell's own forces balance the load on answers of DS alone"
-
-
-def held_by_supports(scene: ShellScene) -> bool:
-    """Whether its supports alone carry the load: in motion inertia does, too, else colliders and constraints may."""
-    return scene.motion is None and not scene.contacts and not scene.constraints
-
-
-def has_reactions(scene: ShellScene) -> bool:
-    """Whether its answer has reactions: the shell's own forces balance the load on answers of DS alone."""
-    return held_by_supports(scene) and scene.model.spec.key == TRUTH
 
 
 def checked_run(scene: ShellScene, shell: Shell, record: Path) -> dict[str, Any]:

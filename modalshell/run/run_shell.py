@@ -32,7 +32,7 @@ from modalshell.render.content import checked_direction
 from modalshell.render.stage import down_of
 from modalshell.run.frame_file import FrameFile
 from modalshell.run.protocol import RunResult, SceneRun
-from modalshell.run.report_numbers import has_reactions
+from modalshell.run.balance import has_reactions
 from modalshell.run.results import DISPLACEMENT, Look, write_result
 from modalshell.scene import BuiltScene, ShellScene
 from modalshell.scene.parts import build_path

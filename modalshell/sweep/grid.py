@@ -133,15 +133,18 @@ def _own_options(model: Any) -> Any:
 def load_sweep(path: str | os.PathLike[str]) -> Sweep:
     """Read a sweep file.
 
-    SceneError for a file that cannot be read, unknown keys, wrong types and values out of range: names the file and the
-    key's path, the value and what is allowed. The scenes of the grid are checked before the first one is run.
-
     Parameters
     ----------
     path : path
         A TOML file: ``scene`` (a scene file's path, relative to the sweep file, or a scene's own tables); ``[axes]``
         with dotted keys of the scene (``contacts.0.radius`` of its first contact) and for each a list of values or
         ``{from, to, count, spacing}``; optionally ``name``, ``[truth]`` (a ``[model]`` table) and ``[output]``.
+
+    Raises
+    ------
+    SceneError
+        For a file that cannot be read, unknown keys, wrong types and values out of range: names the file and the
+        key's path, the value and what is allowed. The scenes of the grid are checked before the first one is run.
     """
     file = Path(path)
     raw = read_toml(file)

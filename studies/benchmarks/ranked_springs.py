@@ -1,9 +1,9 @@
 """One large sheet over MPI ranks: implicit steps of springs, solved by PETSc.
 
-Every rank holds a block of neighbouring particles and the springs at them (:mod:`modalshell.springs.implicit`). A step
-exchanges the places and velocities of the block's rim; PETSc's conjugate gradients, preconditioned by an incomplete
-factor of every rank's own block (block Jacobi), exchange the rim and two sums an iteration. The answer is the one of
-:class:`modalshell.springs.implicit.ImplicitSprings`, to the tolerance of both.
+Every rank holds a block of neighbouring particles and their springs (:class:`modalshell.springs.implicit.RankBlock`).
+A step exchanges the places and velocities of the block's rim; PETSc's conjugate gradients, preconditioned by an
+incomplete factor of every rank's own block (block Jacobi), exchange the rim and two sums an iteration. The answer is
+the one of :class:`modalshell.springs.implicit.ImplicitSprings`, to the tolerance of both.
 
 PETSc, petsc4py and MPI come from the system; pip would build them for an hour. On Debian 12 (petsc4py 3.18, which needs
 NumPy below 2), as root::

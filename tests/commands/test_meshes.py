@@ -171,6 +171,7 @@ def test_one_end_of_each_part_is_held():
     assert np.array_equal(select_vertices(re.search('"(.*)"', words)[1], far), held)  # in the words that --clamp takes
     coarse = ms.sheet(length=1.0, width=0.3, cells=(2, 1))
     assert hold_one_end(coarse, GRAVITY)[0][coarse.faces].all(axis=1).any()
+    assert hold_one_end(ms.sheet(cells=(1, 1)), GRAVITY)[1] == "holds the triangle of lowest x (3 vertices)"
     upright = ms.TriangleMesh(strip.vertices[:, [2, 1, 0]], strip.faces)
     assert np.ptp(upright.vertices[hold_one_end(upright, GRAVITY)[0], 1]) < 0.1  # along y, for z runs along gravity
     single = ms.TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [5, 0, 0], [6, 0, 0], [5, 1, 0], [6, 1, 0]],

@@ -268,7 +268,7 @@ def test_bars_of_a_motion_with_friction(auto):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("friction", [0.0, pytest.param(0.4, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("friction", [0.0, 0.4])
 def test_a_scene_of_it_resumes(scene_file, tmp_path, friction):
     floor = f'[[contacts]]\nkind = "plane"\nnormal = [0, 0, 1]\noffset = -0.06\nfriction = {friction}\n'
     scene = scene_file(("mwts", "auto"), more=floor)

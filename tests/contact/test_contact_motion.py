@@ -39,10 +39,10 @@ def rise(run):
     [
         ("implicit", 1e-2),
         ("bdf2", 1e-3),
-        pytest.param("composite", 1e-3, marks=pytest.mark.slow),
-        pytest.param("composite", 1e-2, marks=pytest.mark.slow),
-        pytest.param("bdf2", 1e-2, marks=pytest.mark.slow),
-        pytest.param("implicit", 1e-3, marks=pytest.mark.slow),
+        ("composite", 1e-3),
+        ("composite", 1e-2),
+        ("bdf2", 1e-2),
+        ("implicit", 1e-3),
     ],
 )
 def test_a_falling_strip_neither_enters_the_floor_nor_gains_energy(integrator, thickness):

@@ -1,5 +1,7 @@
 """DS in motion: explicit and implicit Euler, their limits, their orders, and what they conserve."""
 
+import re
+
 import numpy as np
 import pytest
 from scenes import held
@@ -62,8 +64,10 @@ def test_explicit_steps_above_the_limit_are_refused():
     explicit = DiscreteShell(shell, integrator="explicit")
     limit = explicit.stable_step(Damping(0.5, 1e-4))
     scene = {"gravity": (0.0, 0.0, -1.0), "damping": (0.5, 1e-4)}
-    with pytest.raises(OptionError, match="explicit Euler"):
+    with pytest.raises(OptionError, match="explicit Euler") as refused:
         simulate(explicit, duration=10.5 * limit, dt=1.01 * limit, **scene)
+    named = float(re.search(r"at most (\S+) s", str(refused.value))[1])
+    assert 0.99 * limit < named <= limit
     run = simulate(explicit, duration=10.0 * limit, dt=0.99 * limit, **scene)
     assert run.status == "completed"
     brave = DiscreteShell(shell, integrator="explicit", allow_unstable_step=True)

@@ -33,7 +33,7 @@ def read(source):
 @pytest.fixture(scope="module")
 def trees():
     """Of every file the nodes that the searches look at."""
-    gc.disable()  # it would go through the trees, which stay, again and again: four times as long
+    gc.disable()  # the collector would walk through these trees again and again, which takes four times as long
     try:
         return {
             str(path.relative_to(REPOSITORY)): read(path.read_text(encoding="utf-8"))

@@ -261,7 +261,6 @@ def test_no_line_of_the_fallback_runs_for_each_triangle(detected, monkeypatch, t
 # ---- films ----
 
 
-@pytest.mark.by_default("pyvista")
 def test_film(drawn_by, tmp_path):
     import imageio_ffmpeg
 

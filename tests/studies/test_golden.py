@@ -8,8 +8,8 @@ Every study (a module of ``studies`` with ``FIGURES``) has 4 to 10 of them, phys
 ``path`` leads through the study's findings: keys of dictionaries, and in a list either an index or ``key=value`` pairs
 of the entry that is meant (rows that are sorted by time move from run to run). The tolerance is ``relative`` or
 ``absolute``; ``why`` says where it comes from. For a new study write such a file with any values and let
-``python -m pytest tests/studies/test_golden.py --accept-golden -k NAME`` fill them in: that writes values, never
-tolerances.
+``python -m pytest tests/studies/test_golden.py --accept-golden -k NAME -m 'slow or not slow'`` fill them in: that
+writes values, never tolerances.
 """
 
 import json
@@ -47,7 +47,7 @@ def number_at(findings, path):
 
 def check(name, findings, folder=GOLDEN, *, accept=False):
     """Hold the findings of a study against its golden numbers, or take them as these where ``accept`` says so."""
-    command = f"python -m pytest tests/studies/test_golden.py --accept-golden -k {name}"
+    command = f"python -m pytest tests/studies/test_golden.py --accept-golden -k {name} -m 'slow or not slow'"
     file = folder / f"{name}.json"
     assert file.is_file(), (
         f"study {name} has no golden numbers: write {file} (see the head of this test), then {command}"

@@ -30,7 +30,6 @@ SHAPED = {
 }  # fmt: skip
 """Figures that need more than the committed findings: shapes, or keys of older pages."""
 DRAWN = [figure for study in studies().values() for figure in study.FIGURES if figure not in SHAPED]
-QUICK = {"held_out_advice", "identification", "cloth_scaling"}
 
 
 @pytest.fixture
@@ -58,9 +57,7 @@ def test_most_pictures_are_drawn_here():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "figure", [pytest.param(name, marks=[] if name in QUICK else [pytest.mark.slow]) for name in DRAWN]
-)
+@pytest.mark.parametrize("figure", DRAWN)
 def test_no_text_lies_on_another(figure, saved, tmp_path, monkeypatch):
     monkeypatch.setattr(StudyResult, "load", staticmethod(lambda _, study: committed(study)))
     importlib.import_module(f"paper_figures.{figure}").draw(tmp_path, tmp_path)

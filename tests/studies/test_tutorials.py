@@ -25,7 +25,6 @@ WRITES = {
     "other_engines": ("strip.npz", "warped.png"),
     "which_model": ("tradeoff.png",),
 }
-SLOW = {"which_model"}
 
 
 def test_every_tutorial_is_run():
@@ -33,7 +32,7 @@ def test_every_tutorial_is_run():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in PROMISES])
+@pytest.mark.parametrize("name", PROMISES)
 def test_a_tutorial_runs(name, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")

@@ -40,7 +40,7 @@ def committed():
 
 
 def test_committed_files_are_what_the_generator_writes(tmp_path):
-    """In this process, whose hash seed is another in each; tests/test_documents.py writes them with one seed."""
+    """With this process's own hash seed; tests/test_documents.py generates them with a fixed one."""
     paths = generator.write(tmp_path / "fresh")
     assert {path.name for path in paths} == {"__init__.py", "stretch.py", "shear.py", "flexure.py"}
     assert {path.name: path.read_bytes() for path in paths} == committed()

@@ -16,6 +16,7 @@ from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.outcome import Outcome
 from modalshell.core.timings import Timings
 from modalshell.core.typing import Array, Index
+from modalshell.core.units import at_most
 from modalshell.integrators.free_parts import FreeParts
 from modalshell.integrators.full import ExplicitEuler, FullIntegrator
 from modalshell.integrators.full.base import hold, oscillation
@@ -298,8 +299,8 @@ class FullModel(Model):
         super().check_step(dt, damping)
         if self.integrator.explicit and not self.allow_unstable_step and dt > (stable := self.stable_step(damping)):
             raise OptionError(
-                f"dt must be at most {stable:.3g} s by {self.integrator.name} on this shell (got {dt:.3g} s): shorten "
-                "it, take integrator 'composite', or allow_unstable_step = true"
+                f"dt must be at most {at_most(stable, 3)} s by {self.integrator.name} on this shell (got {dt:.3g} s): "
+                "shorten it, take integrator 'composite', or allow_unstable_step = true"
             )
 
     def start_motion(self, positions: Array | None = None) -> MotionState:
