@@ -30,9 +30,9 @@ from modalshell.motion.fields import checked_fields, shell_at, with_fields, with
 from modalshell.motion.recorder import Recorder, take_steps
 from modalshell.render.content import checked_direction
 from modalshell.render.stage import down_of
+from modalshell.run.balance import has_reactions
 from modalshell.run.frame_file import FrameFile
 from modalshell.run.protocol import RunResult, SceneRun
-from modalshell.run.balance import has_reactions
 from modalshell.run.results import DISPLACEMENT, Look, write_result
 from modalshell.scene import BuiltScene, ShellScene
 from modalshell.scene.parts import build_path

@@ -36,5 +36,6 @@ def test_bounds_are_rounded_towards_zero():
         (99.6, 2, "99"),
         (1.0, 3, "1"),
         (0.09996, 3, "0.0999"),
+        (996.0, 2, "990"),
     ):
         assert at_most(value, digits) == text
