@@ -80,7 +80,7 @@ def hold_one_end(mesh: ms.TriangleMesh, gravity: Array) -> tuple[NDArray[np.bool
 
 
 def _written_end(along: Array, held: NDArray[np.bool_]) -> str:
-    """The shortest bound of ``along`` (n,) by which --clamp holds the same vertices; "" where there is none."""
+    """The shortest bound of ``along`` (n,) by which --clamp holds the same vertices; "" if there is none."""
     last = float(along[held].max())
     inside = last + 0.01 * (float(along[~held].min()) - last)  # where the last itself is not a short number
     tries = (f"{value:.{digits}g}" for digits in range(6, 18) for value in (last, inside))

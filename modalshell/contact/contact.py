@@ -190,10 +190,10 @@ class Contact(ReadOnlyArrays):
         return float(np.linalg.norm(self.way(x, t, dt), axis=1).max(initial=0.0))
 
     def fastest(self, x: Array, dt: float, least: float) -> tuple[float, float]:
-        """The largest such way [m] in steps of ``dt`` [s] of its motion, and when it begins [s]; ``least`` if none is.
+        """Longest :meth:`largest_move` [m] of all steps of ``dt`` [s], and its start [s]; ``least``, 0 if none is longer.
 
-        What turns about itself moves its own surface by less than the space around it: then the points of its surface
-        nearest to ``x`` (n, 3) [m] count.
+        Material far from a collider that turns about itself moves farther than its surface does: so the points of the
+        surface nearest to ``x`` (n, 3) [m] count where they move less than x.
         """
         if self.motion is None:
             return least, 0.0

@@ -107,7 +107,7 @@ class Patterns:
             known, own = self._last
             if stencil is not known:
                 own = block_slots(stencil, stencil, blocks, 6, 0, whole.size)
-                found = own // 3 - blocks.indptr[stencil][:, :, None]
+                found = own // 3 - 2 * blocks.indptr[stencil][:, :, None]  # of slots 6 start + 3 place
                 if own.min(initial=0) < 0 or (blocks.indices[found] != stencil[:, None, :]).any():
                     return None
             slots.append(own)

@@ -1,4 +1,4 @@
-"""Frames of modal models on colliders that are not compiled: derivatives, vertex by vertex, and how vertices turn."""
+"""How vertices of modal models turn, and their frames on colliders that are not compiled: derivatives by vertex."""
 
 from __future__ import annotations
 
@@ -27,6 +27,7 @@ STILL = 1e-5
 Near = Callable[[Array, Index, Array | None], tuple[Array, Array | None]]
 """Positions (k, 3) [m] of some vertices, and derivatives (k, d, m) along directions (d, 3), if these are asked for."""
 _NONE = np.empty((0, 3))
+"""Rotation vectors of vertices that do not turn."""
 
 
 @final

@@ -39,15 +39,15 @@ _TURNS, _TURNED = 6, 1e-6
 _SAME = 1e-6
 """Part of a frame's step by which times differ that are the same."""
 _ROUND = 1e-3
-"""Curvature, by the shell's size, of what is seen from its centre of curvature."""
+"""Curvature, times the shell's size, above which slips may be relative to the centre of curvature."""
 
 
 @final
 class TouchingSteps:
     """Contacts of one motion of a shell about its ``origin`` (3,) [m] in the world, and ``layers`` of self-contact.
 
-    For a step of ``dt`` [s] ``stand_ins`` steps of implicit Euler stand in. OptionError for a collider that moves by
-    more than its smallest radius in a step.
+    For a step of ``dt`` [s] ``stand_ins`` steps of implicit Euler stand in. OptionError for a collider whose surface
+    moves farther than its smallest radius in a step.
 
     Attributes
     ----------
@@ -179,10 +179,11 @@ class TouchingSteps:
         return forces
 
     def _least_slips(self, before: Touching, moved: Array, x: Array, rows: Index, dt: float) -> Array:
-        """Ways (k, 3) [m] of the rows' vertices, ``moved`` (k, 3) [m] from x (n, 3), along their colliders.
+        """How far (k, 3) [m] the rows' vertices slip along their colliders, being ``moved`` (k, 3) [m] from x (n, 3).
 
-        Not past the material of what turns about its own axis, as a roller does: that drives nothing without friction.
-        They are then seen from the centre of curvature, where that takes along the surface as the material does.
+        A slip is relative to the collider's material. But a roller that turns about its own axis moves its material and
+        not its surface, which drives nothing without friction. So where the surface goes as far with the centre of its
+        curvature as with the material, the slip is relative to that centre.
         """
         ways, still, now = before.ways(x, rows, dt), before.with_bounds(None), self.now.with_bounds(None)
         if not ways.any():
@@ -372,7 +373,7 @@ class TouchingSteps:
 
 
 def refuse_fast(contacts: Sequence[Contact], rest: Array, dt: float) -> None:
-    """Raise OptionError for a contact whose collider moves by more than its smallest radius in a step of ``dt`` [s].
+    """OptionError for a contact whose collider's surface moves farther than its smallest radius in a step ``dt`` [s].
 
     ``rest`` (n, 3) [m] are the shell's positions at rest, in the frame in which it is seen.
     """
@@ -383,10 +384,12 @@ def refuse_fast(contacts: Sequence[Contact], rest: Array, dt: float) -> None:
             continue
         way, time = contact.fastest(grid, dt, radius)
         if way > radius:
-            name, fitting = type(contact.collider).__name__, dt * radius / way
-            fitting *= radius / contact.fastest(grid, fitting, radius)[0]  # a chord is shorter than its parts
+            name, fitting, longest = type(contact.collider).__name__, dt, way
+            while longest > radius:  # again, as a chord is shorter than its parts
+                fitting = float(at_most(fitting * radius / longest))
+                longest = contact.fastest(grid, fitting, radius)[0]
             raise OptionError(
                 f"contact {index} ({name}) moves {way:.3g} m in the step from {time:.4g} s, more than its smallest "
                 f"radius of {radius:.3g} m, and might pass through the shell: take steps of at most "
-                f"{at_most(fitting)} s"
+                f"{fitting:.2g} s"
             )

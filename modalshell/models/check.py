@@ -78,6 +78,9 @@ def _at(model: ModalModel, q: Array, rng: np.random.Generator) -> Iterator[str]:
     if np.shape(shape) != rest.shape or not np.isfinite(shape).all():
         return  # of the wrong shape, which is reported at rest, or outside the range of the model
     yield from _fault("warped_positions", model.warped_positions(q) - rest, "rest + warped(q)", shape)
+    largest, bound = float(np.linalg.norm(shape, axis=1).max()), model.farthest(q)
+    if not bound >= (1.0 - _CLOSE) * largest:
+        yield f"farthest is {bound:.3g} m, less than the {largest:.3g} m by which warped(q) moves a vertex"
     load = model.shell.mass[:, None] * rng.standard_normal(rest.shape)
     vertices = np.sort(rng.choice(np.flatnonzero(model.shell.free), _PATCH, replace=False))
     by_work = model.by_differences(lambda q: np.vdot(load, model.warped(q)), q)

@@ -25,9 +25,10 @@ from modalshell.models.coarse.on_coarse import OnCoarse
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.hybrid.assumed_stress import ReducedStress, StressPotential, measures_of, reduce_energy
 from modalshell.models.hybrid.coarse_states import CoarseShape, states_of
+from modalshell.models.hybrid.compliance import LinearCompliance
 from modalshell.models.hybrid.reduced_shell import ReducedShell
 from modalshell.models.hybrid.slopes import STEP, differences, forces_by_constants
-from modalshell.models.hybrid.stated_error import LinearCompliance, coarse_errors, next_to_snap, stated
+from modalshell.models.hybrid.stated_error import coarse_errors, next_to_snap, stated
 from modalshell.models.hybrid.trained_file import read_trained, trainable, write_trained
 from modalshell.models.hybrid.training import SMALL, Trained, Training, train
 from modalshell.models.reduction.derivatives import edge_changes

@@ -234,7 +234,7 @@ class ReducedRotationStrain(TurnedTriangles):
 
     @cached_property
     def _column_reach(self) -> Array:
-        """How far [m] each column of the expansion moves a vertex, by a unit; shape (m + rank,)."""
+        """How far [m] each column of the expansion moves a vertex at most, by a unit; shape (m + rank,)."""
         columns = self._expansion.reshape(-1, 3, self._expansion.shape[1])
         return np.asarray(np.linalg.norm(columns, axis=1).max(axis=0))
 

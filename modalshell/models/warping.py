@@ -17,11 +17,11 @@ from modalshell.kernels import rotations
 from modalshell.kernels.push import DERIVATIVES, POWERS, ROWS, load_rows, push_change, push_frame, work_frame
 from modalshell.loads import Loading
 from modalshell.loads.surface_kernels import TURNED
-from modalshell.models.base.distortion import as_tile, samples_of
 from modalshell.models.base.shape import contact_shape
 from modalshell.models.base.unstretched import UnstretchedModel
 from modalshell.models.reduction.load_points import LoadPoints
 from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
+from modalshell.models.reduction.sampled_change import as_tile, samples_of
 from modalshell.models.reduction.warp_frame import WarpFrame
 from modalshell.models.reduction.warp_step_kernels import warp_step, work_step
 from modalshell.modes import Basis

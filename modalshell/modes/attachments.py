@@ -1,4 +1,4 @@
-"""Attachment vectors: static shapes under given loads, which extend a basis of modes."""
+"""Attachment vectors, static shapes under given loads, and the orthonormal extension of a basis by them or others."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Solutions with the factor of a matrix that has changed since: iterations preconditioned by it."""
+"""Solutions by the factor of a matrix that has changed since, as preconditioner; and directions of GMRES."""
 
 from __future__ import annotations
 

@@ -1,48 +1,22 @@
-"""Constant forms that the split-fold energy is made of, and its stresses' derivatives by the constants of its sheet."""
+"""Derivatives of the split-fold energy's stresses by the constants of its sheet, at fixed measures."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple, final
+from typing import final
 
 import numpy as np
 import scipy.sparse as sps
 from numpy.typing import NDArray
 
-from modalshell.core.typing import Array, Index
+from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.fold_shares import FoldShares
 from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.sheet import IMAGINARY, Sheet
-from modalshell.shell.smoothed_membrane import MembraneElements, Strained, plane_stress, turned_elasticity
+from modalshell.shell.smoothed_membrane import Strained, plane_stress, turned_elasticity
 from modalshell.shell.split_folds import SplitFolds
 from modalshell.shell.triangle_pairs import fold_moments
-
-
-@final
-class ConstantForms(NamedTuple):
-    """Constant quadratic forms of fold angles and of half squared edge lengths."""
-
-    points: Array
-    """Vertices at rest [m], then ghosts; shape (n + g, 3)."""
-    hinges: Index
-    """Hinges of the folds, on the points; shape (H, 4)."""
-    angles: Array
-    """Fold angles at rest [rad]; shape (H,)."""
-    shares: FoldShares
-    """Second derivatives by fold angles [N m], and fold shares at the minimum."""
-    folds: SplitFolds
-    """Their pairs of triangles."""
-    edges: Index
-    """Edges of the mesh; shape (E, 2)."""
-    half_squares: Array
-    """Half their squared lengths at rest [m^2]; shape (E,)."""
-    membrane: list[MembraneElements]
-    """Elements of the membrane."""
-    tension: sps.csr_array
-    """Their sum [N/m^3]; shape (E, E)."""
-    factor: float
-    """Of the energy, in which damping may take part; see :meth:`ElasticEnergy.damped`."""
 
 
 @final

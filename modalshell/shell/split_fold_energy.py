@@ -16,7 +16,8 @@ from modalshell.core.cost import count_elements
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 from modalshell.shell import smoothed_membrane as membrane
-from modalshell.shell.constant_slopes import ConstantForms, ConstantSlopes
+from modalshell.shell.constant_forms import ConstantForms
+from modalshell.shell.constant_slopes import ConstantSlopes
 from modalshell.shell.elastic_energy import GAUSS_NEWTON, MIXED, PROJECTED, ElasticEnergy, Part
 from modalshell.shell.elements import ElementSet, ElementSum
 from modalshell.shell.extended import Extended, add_forces, measure_changes

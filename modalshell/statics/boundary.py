@@ -14,12 +14,12 @@ from modalshell.core.typing import Array, Index
 from modalshell.modes import Factoriser
 from modalshell.shell import EXACT, GAUSS_NEWTON, Shell
 from modalshell.statics.continuation import Steps
+from modalshell.statics.flutter import without_flutter
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.mixed_newton import ACCEPTED, CONTINUED
 from modalshell.statics.newton import NewtonResult, is_minimum, mixed_newton
 from modalshell.statics.potential import Potential
 from modalshell.statics.refine import refine
-from modalshell.statics.verdict import without_flutter
 from modalshell.statics.warped import led_step
 from modalshell.supports.constraints import Constraint, HeldPatch
 

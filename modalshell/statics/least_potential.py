@@ -51,9 +51,10 @@ class Workable(Protocol):
 def least_potential(model: Workable, load: Array, start: Array | None) -> Statics:
     """Minimise ``q . Lambda q / 2 - f . u(q)`` over the elastic modes, rigid ones staying at zero.
 
-    f is the dead ``load`` (n, 3) [N]; it begins at ``start`` (m,) or at rest. Its residual is ``|Lambda q - p|
-    / |p(0)|`` in the norm of ``Lambda^-1``, unless p(0) is far less than the load's size lets it be; without a load it
-    is over the start's ``|Lambda q|``. A minimum that has wound up is no answer that the model can hold, and says so.
+    f is the dead ``load`` (n, 3) [N]; the search begins at ``start`` (m,) or at rest. The answer's residual is
+    ``|Lambda q - p| / |p(0)|`` in the norm of ``Lambda^-1``, unless p(0) is far less than the load's size lets it be;
+    without a load it is over the start's ``|Lambda q|``. A minimum that has wound up is no answer that the model can
+    hold, and says so.
     """
     basis = model.basis
     elastic = slice(basis.rigid_modes, None)

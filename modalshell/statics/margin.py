@@ -1,4 +1,4 @@
-"""Stability margin: how much of a shell's stiffness its stresses leave, by Lanczos iterations on a factor at hand."""
+"""Stability margin: the share of stiffness that stresses leave, by Lanczos; and where a bar's step began."""
 
 from __future__ import annotations
 
@@ -83,8 +83,8 @@ def probe(count: int) -> Array:
 class Begun(NamedTuple):
     """Positions (n, 3) [m] where a step began, its Hessian, and the factor that solved it.
 
-    That is of the Hessian, or where that is ``unstressed``, of the first step's. It saves a factorisation each for the
-    second step of a bar and for the margin.
+    The factor is of this Hessian, or, where ``unstressed``, of that of the bar's first step. By it the bar's second
+    step and the margin each do without a factorisation of their own.
     """
 
     x: Array

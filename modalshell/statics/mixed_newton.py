@@ -278,8 +278,8 @@ def descend(problem: Any, rules: Rules) -> Solved:
 def leave_saddle(problem: Any, value: float) -> tuple[float, float]:
     """Move the iterate off a saddle; the potential there, and a drag that steadies the way down.
 
-    Both ways are tried. Steps double for as long as the potential falls, or stays to rounding as it does at first beside
-    a shallow valley: the first valley is looked for, not the deepest one.
+    Both ways are tried. Steps double for as long as the potential falls, or stays to rounding as it does at first
+    next to a shallow valley: the first valley is looked for, not the deepest one.
     """
     x, slots = problem.x, problem.slots
     write(x, slots[START])

@@ -50,6 +50,13 @@ def rest():
     return shell, ms.DiscreteShell(shell).equilibrium(gravity=PULL, contacts=[ms.SelfContact()])
 
 
+def test_the_pattern_of_pairs_is_kept_as_long_as_it_holds_them(monkeypatch):
+    grown, grow = [], Patterns._grow
+    monkeypatch.setattr(Patterns, "_grow", lambda self, *given: grown.append(1) or grow(self, *given))
+    assert ms.DiscreteShell(folded()).equilibrium(gravity=PULL, contacts=[ms.SelfContact()]).converged
+    assert len(grown) == 1
+
+
 @pytest.mark.parametrize("friction", [0.0, 0.4])
 def test_derivatives_by_taylor_slopes(rest, friction):
     shell, answer = rest

@@ -1,4 +1,4 @@
-"""Distortion check: whether a deformed surface is within the range of modal models; and samples that look for them."""
+"""Distortion check: whether a deformed surface is within the range of modal models."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from modalshell.core.outcome import Outcome
 from modalshell.core.thread_safety import PerThread, read_only
-from modalshell.core.typing import Array, Index
-from modalshell.kernels.frame import TILE
+from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
 from modalshell.models.base.distortion_kernels import surface_changes
+from modalshell.models.reduction.sampled_change import spread_samples
 
 _AREA = 2.0
 """Factor of increase or decrease of the area of the surface or a triangle beyond which it counts as distorted."""
@@ -33,27 +33,6 @@ _WITHIN = 2.0
 """Extent of the positions, in sizes of the mesh, within which a few vertices cannot change the area by much."""
 _LIKE = 8.0
 """Largest area of a triangle over their mean up to which a sample of triangles stands for the surface."""
-LEAST = 1024
-"""Vertices or triangles from which a sample pays: two forces on it, and their overhead, against one on all."""
-
-
-def samples_of(count: int, draws: int = 1) -> Index:
-    """Numbers (draws, 128) of samples of ``count``, as of :func:`spread_samples`; none (0, 128) of few."""
-    return spread_samples(count, TILE, draws if count >= LEAST else 0)
-
-
-def spread_samples(count: int, size: int, draws: int = 1) -> Index:
-    """Numbers (draws, size) of samples of ``count``, one drawn from each of as many equal parts.
-
-    At random, so that no pattern of a mesh is met by its own period.
-    """
-    drawn = np.arange(size) + np.random.default_rng(0).random((draws, size))
-    return np.asarray((drawn * (count / size)).astype(np.int64))
-
-
-def as_tile(rows: Array) -> Array:
-    """Values (128, ..., 6) of a sample in the order of modal data, (1, ..., 6 * 128)."""
-    return np.moveaxis(rows, 0, -1).reshape(1, *rows.shape[1:-1], -1).copy()
 
 
 @final
@@ -117,7 +96,7 @@ class Distortion:
     def of(self, positions: Array, farthest: Callable[[], float] | None = None) -> str:
         """Description of a distorted surface at ``positions`` (n, 3); "" if it is within the range of modal models.
 
-        ``farthest`` tells how far [m] from rest no vertex is beyond: where that is near, their extent is not looked at.
+        ``farthest`` gives a length [m] that no vertex is beyond from rest; where it is short, no extent is looked at.
         """
         if self._clear(positions, farthest):
             return ""

@@ -37,12 +37,13 @@ from modalshell.statics.bifurcation import BIFURCATION, LIMIT
 from modalshell.statics.boundary import continue_boundary, missed_by, reactions_of
 from modalshell.statics.continuation import equilibrium
 from modalshell.statics.creases import equilibrium_with_creases
+from modalshell.statics.flutter import without_flutter
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.newton import Factored
 from modalshell.statics.path import Followable
 from modalshell.statics.potential import Potential
 from modalshell.statics.refine import refine
-from modalshell.statics.verdict import verdict, without_flutter
+from modalshell.statics.verdict import verdict
 from modalshell.supports import Pose, SupportPath, Unknowns
 from modalshell.supports.constraints import Constraint, HeldPatch, held_patches
 

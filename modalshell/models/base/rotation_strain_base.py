@@ -20,11 +20,11 @@ from modalshell.integrators.modal.base import DeadForce
 from modalshell.kernels.frame import TILE
 from modalshell.kernels.push import change_by_sample
 from modalshell.loads import Loading
-from modalshell.models.base.distortion import LEAST, as_tile, samples_of
 from modalshell.models.base.unstretched import UnstretchedModel
 from modalshell.models.reduction import rotation_strain_kernels as kernel
 from modalshell.models.reduction.load_points import LoadPoints
 from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
+from modalshell.models.reduction.sampled_change import LEAST, as_tile, samples_of
 from modalshell.modes import Basis
 
 _PATCHES_KEPT = 16

@@ -167,7 +167,7 @@ class ModalShape(ABC):
 
     @cached_property
     def reach(self) -> Array:
-        """How far [m] each mode moves a vertex, by a unit; shape (m,)."""
+        """How far [m] each mode moves a vertex at most, by a unit; shape (m,)."""
         return np.asarray(np.linalg.norm(self.basis.modes.reshape(-1, 3, self.basis.count), axis=1).max(axis=0))
 
     def largest_turn(self, q: Array) -> float:

@@ -27,8 +27,9 @@ from modalshell.models.base.free_statics import neutral_turn, parallel
 from modalshell.modes import Factoriser
 from modalshell.shell import EXACT
 from modalshell.statics.boundary import missed_by, reactions_of
+from modalshell.statics.flutter import fluttering
 from modalshell.statics.potential import Potential
-from modalshell.statics.verdict import fluttering, verdict
+from modalshell.statics.verdict import verdict
 from modalshell.supports import Symmetry
 from modalshell.supports.constraints import Constraint, held_patches
 

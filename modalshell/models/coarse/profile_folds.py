@@ -238,8 +238,7 @@ def _membrane_blocks(profile: Profile, tension: sps.csr_array, ends: Index) -> B
     of, places = of[order], places[order]
     starts = np.flatnonzero(np.diff(places, prepend=-1))  # no place is negative
     strides = profile.strides[rows[kept][order[starts]]]
-    ends_of = np.append(starts, order.size)
-    return Blocks(places[starts], strides, ends_of, p[of], q[of], factors[kept][order])
+    return Blocks(places[starts], strides, np.append(starts, order.size), p[of], q[of], factors[kept][order])
 
 
 # ---- operations

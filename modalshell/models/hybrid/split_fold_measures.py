@@ -23,7 +23,7 @@ from modalshell.core.typing import Array, Index
 from modalshell.linalg.elements import assembled
 from modalshell.models.hybrid.measures import FLAT, Bending, Measures, feet_of, offsets, remaining
 from modalshell.shell import Shell
-from modalshell.shell.constant_slopes import ConstantForms
+from modalshell.shell.constant_forms import ConstantForms
 from modalshell.shell.kernels.split_folds import fold_angles, half_squares
 from modalshell.shell.smoothed_membrane import MembraneElements
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
