@@ -190,7 +190,7 @@ class Contact(ReadOnlyArrays):
         return float(np.linalg.norm(self.way(x, t, dt), axis=1).max(initial=0.0))
 
     def fastest(self, x: Array, dt: float, least: float) -> tuple[float, float]:
-        """Longest :meth:`largest_move` [m] of all steps of ``dt`` [s], and its start [s]; ``least``, 0 if none is longer.
+        """Longest :meth:`largest_move` [m] of all steps of ``dt`` [s], and its start [s]; ``least``, 0 if none longer.
 
         Material far from a collider that turns about itself moves farther than its surface does: so the points of the
         surface nearest to ``x`` (n, 3) [m] count where they move less than x.
