@@ -167,7 +167,7 @@ class _ShellPage:
             return None, ["No live model is offered: they move in vibration modes, which the shell has not here."]
         off = self._error(run) if self.free_of_time else None
         far = "has no answer here" if off is None else f"is {in_percent(off)} off this answer"
-        without = f"; computed live, {' and '.join(self.left_out)}" if self.left_out else ""
+        without = f"; live, {' and '.join(self.left_out)}" if self.left_out else ""
         if self.free_of_time and (off is None or off > _HONEST):
             return None, [f"No live model is offered: MWTS, which a page can compute, {far}{without}."]
         said = (

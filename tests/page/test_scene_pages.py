@@ -77,7 +77,7 @@ def test_a_page_says_what_keeps_the_scene_s_own_model_from_being_offered(scene_f
     page = scene_page(ms.load_scene(scene_file(("duration = 1\n", "duration = 0.3\n"), more=gust)))
     assert content(page)["live"] is None
     said = (
-        r"MWTS, which a page can compute, is .* % off this answer; computed live, "
+        r"MWTS, which a page can compute, is .* % off this answer; live, "
         r"loads that change stay .* at their largest\."
     )
     assert re.search(said, page.text)
