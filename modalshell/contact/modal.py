@@ -27,6 +27,7 @@ from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array, Index
 from modalshell.kernels.rotations import rotate
 from modalshell.modes import Basis
+from modalshell.modes.modal_rotation import largest_at_vertices
 
 CANDIDATES = 50
 """Vertices of a frame, the nearest, that may touch it; all that are inside may, as far as their shapes are kept."""
@@ -94,8 +95,7 @@ class ModalContacts:
         self.moving = any(contact.motion is not None for contact in self.touching.contacts)
         self._see()
         self.rubs = any(contact.friction for contact in self.touching.contacts)
-        both = (each.reshape(-1, 3, each.shape[1]) for each in (basis.modes, basis.rotations))  # lengths: in any axes
-        self.reach, self._largest_turns = (np.linalg.norm(each, axis=1).max(axis=0) for each in both)  # of a vertex
+        self.reach, self._largest_turns = (largest_at_vertices(each) for each in (basis.modes, basis.rotations))
         self._kept: Any = None
         self.by_rows = RowFrames(self, near)
 

@@ -22,6 +22,7 @@ from modalshell.models.reduction.load_points import LoadPoints
 from modalshell.models.reduction.load_quadrature import ModalPush
 from modalshell.models.rotation_strain import RotationStrain, tiled
 from modalshell.modes import Basis
+from modalshell.modes.modal_rotation import largest_at_vertices
 
 _CANDIDATES = 2000
 """Largest number of candidate triangles; a sample by area of more."""
@@ -235,8 +236,7 @@ class ReducedRotationStrain(TurnedTriangles):
     @cached_property
     def _column_reach(self) -> Array:
         """How far [m] each column of the expansion moves a vertex at most, by a unit; shape (m + rank,)."""
-        columns = self._expansion.reshape(-1, 3, self._expansion.shape[1])
-        return np.asarray(np.linalg.norm(columns, axis=1).max(axis=0))
+        return largest_at_vertices(self._expansion)
 
     def contact_frame(self, q: Array, vertices: Index, directions: Array | None) -> tuple[Array, Array | None]:
         """Positions (k, 3) [m] of some vertices, and their derivatives; see :meth:`ModalMotion.contact_frame`."""

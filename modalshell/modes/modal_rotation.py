@@ -12,6 +12,11 @@ from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 
 
+def largest_at_vertices(columns: Array) -> Array:
+    """Largest length (m,) that columns (3n, m) have at a vertex."""
+    return np.asarray(np.linalg.norm(columns.reshape(-1, 3, columns.shape[1]), axis=1).max(axis=0))
+
+
 def cross_matrices(vectors: Array) -> Array:
     """Skew matrices [v] (..., 3, 3) with ``[v] a = v x a`` of vectors (..., 3)."""
     skew = np.zeros((*vectors.shape, 3))

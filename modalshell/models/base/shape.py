@@ -16,6 +16,7 @@ from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.integrators.modal.base import DeadForce
 from modalshell.modes import Basis
+from modalshell.modes.modal_rotation import largest_at_vertices
 from modalshell.shell import Shell
 
 SHAPE = "warped"
@@ -168,7 +169,7 @@ class ModalShape(ABC):
     @cached_property
     def reach(self) -> Array:
         """How far [m] each mode moves a vertex at most, by a unit; shape (m,)."""
-        return np.asarray(np.linalg.norm(self.basis.modes.reshape(-1, 3, self.basis.count), axis=1).max(axis=0))
+        return largest_at_vertices(self.basis.modes)
 
     def largest_turn(self, q: Array) -> float:
         """Largest rotation [rad] of a part of the shell at q; a linear model knows none."""

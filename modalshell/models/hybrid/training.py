@@ -28,6 +28,7 @@ from modalshell.models.hybrid.assumed_stress import (
 from modalshell.models.hybrid.assumed_stress_step import STEP_GOAL, implicit_step, reduced_start
 from modalshell.models.hybrid.measures import NONE_TURNED, Measures
 from modalshell.modes import lowest_modes
+from modalshell.modes.modal_rotation import largest_at_vertices
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 
@@ -86,8 +87,7 @@ class TrainingLoads:
         self.rigid = 6 * len(self.frames.parts)
         modes = lowest_modes(coarse, min(self.rigid + count, coarse.free_unknowns.size))[0]
         self.lowest, self.eigenvalues = modes.modes[:, self.rigid :], modes.eigenvalues[self.rigid :]
-        turns = np.linalg.norm(modes.rotations[:, self.rigid :].reshape(-1, 3, self.eigenvalues.size), axis=1)
-        self._turns, self._mass = turns.max(axis=0), np.repeat(coarse.mass, 3)
+        self._turns, self._mass = largest_at_vertices(modes.rotations[:, self.rigid :]), np.repeat(coarse.mass, 3)
         balanced = self.frames.load_in_frames(coarse.rest_positions, load).ravel() @ self.lowest / self.eigenvalues
         self.size = max(_FALLING, float(np.abs(balanced * self._turns).max(initial=0.0)))
         """Turn [rad] of a vertex."""
