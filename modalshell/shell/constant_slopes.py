@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import final
+from typing import NamedTuple, final
 
 import numpy as np
 import scipy.sparse as sps
 from numpy.typing import NDArray
 
-from modalshell.core.typing import Array
+from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.fold_shares import FoldShares
 from modalshell.shell.isotropic import Isotropic
@@ -17,6 +17,23 @@ from modalshell.shell.sheet import IMAGINARY, Sheet
 from modalshell.shell.smoothed_membrane import Strained, plane_stress, turned_elasticity
 from modalshell.shell.split_folds import SplitFolds
 from modalshell.shell.triangle_pairs import fold_moments
+
+
+class _Slopes(NamedTuple):
+    """Membrane elements of one kind, and the slopes of their elasticity."""
+
+    edges: Index
+    strain: Array
+    elastic: Array
+
+    def tensions(self, stretches: Array) -> Array:
+        """Slopes (elements, edges) of the derivatives of the energy by half squared lengths (E,)."""
+        strains = np.einsum("eiq,eq->ei", self.strain, stretches[self.edges])
+        return np.asarray(np.einsum("eip,ei->ep", self.strain, np.einsum("eij,ej->ei", self.elastic, strains)))
+
+
+def _slopes_of(e: Strained, elastic: Array) -> _Slopes:
+    return _Slopes(e.edges, e.strain_of(e.stencils, e.areas), elastic)
 
 
 @final
@@ -35,7 +52,7 @@ class ConstantSlopes:
         tension: sps.csr_array,
     ) -> None:
         self._mesh, self._sheet, self._folds, self._strained, self._tension = mesh, sheet, folds, strained, tension
-        self._slopes: dict[str, tuple[list[tuple[Strained, Array]], Array]] = {}
+        self._slopes: dict[str, tuple[list[_Slopes], Array]] = {}
 
     def stresses(self, name: str, shares: FoldShares, folds: Array, stretches: Array) -> tuple[Array, Array]:
         """Derivatives of couples (H,) and tensions (E,), at fold angles (H,) and half squared lengths (E,)."""
@@ -50,11 +67,11 @@ class ConstantSlopes:
             self._slopes[name] = self._by_poisson() if isinstance(self._sheet, Isotropic) else self._by(name)
         membrane, moments = self._slopes[name]
         tensions = np.zeros_like(stretches)
-        for e, elastic in membrane:
-            np.add.at(tensions, e.edges, e.tensions(elastic, stretches))
+        for e in membrane:
+            np.add.at(tensions, e.edges, e.tensions(stretches))
         return self._couples(moments, shares, folds), tensions
 
-    def _by_poisson(self) -> tuple[list[tuple[Strained, Array]], Array]:
+    def _by_poisson(self) -> tuple[list[_Slopes], Array]:
         """Slopes of elements and moments of an isotropic sheet by Poisson's ratio."""
         mesh, folds = self._mesh, self._folds
         stiffness, rigidity, poisson = self._sheet.elasticity(mesh)
@@ -65,16 +82,16 @@ class ConstantSlopes:
         moved = poisson + 1j * IMAGINARY
         rigid = rigidity * (1.0 - poisson**2) / (1.0 - moved**2)
         moments = fold_moments(mesh, folds.faces, folds.corners, rigid, moved, self._free).imag / IMAGINARY
-        return [(e, e.elastic(slope)) for e in self._strained()], moments
+        return [_slopes_of(e, e.elastic(slope)) for e in self._strained()], moments
 
-    def _by(self, name: str) -> tuple[list[tuple[Strained, Array]], Array]:
+    def _by(self, name: str) -> tuple[list[_Slopes], Array]:
         """Slopes of elements and moments of any sheet by a constant."""
         mesh, folds, strained = self._mesh, self._folds, self._strained()
         directed = self._sheet.directed(mesh, name)
         assert directed is not None
         membrane, bending = directed
         turned = (table.imag / IMAGINARY for table in turned_elasticity(mesh, strained, membrane))
-        slopes = [(e, e.in_tables().elastic(table)) for e, table in zip(strained, turned, strict=True)]
+        slopes = [_slopes_of(e, e.in_tables().elastic(table)) for e, table in zip(strained, turned, strict=True)]
         unused = np.empty(0)
         moments = fold_moments(mesh, folds.faces, folds.corners, unused, unused, self._free, bending)
         return slopes, moments.imag / IMAGINARY

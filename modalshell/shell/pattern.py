@@ -172,7 +172,8 @@ def build_pattern(
         For each pair of an element's vertices, where its 3 x 3 block begins in the CSR values; -1 where it has none.
         Those of patterns beyond the range of int32 are int64.
     """
-    blocks = _blocks(vertex_count, stencils)
+    inner = 0 if internal is None else 3 * internal.vertices.nnz + internal.stiffness.nnz
+    blocks, slots = _blocks(vertex_count, stencils, inner)
     strides = 3 * np.diff(blocks.indptr).astype(np.int64)
     rows = np.repeat(np.arange(vertex_count, dtype=np.int32), np.diff(blocks.indptr))
     # A block begins at the entries of the rows before it, and after those of the blocks before it in its first row.
@@ -194,7 +195,7 @@ def build_pattern(
         free=free,
         internal=internal,
     )
-    return pattern, [block_slots(stencil, stencil, blocks, 6, 0, pattern.size) for stencil in stencils]
+    return pattern, slots
 
 
 def incidence(stencil: Index, count: int) -> sps.csr_array:
@@ -210,20 +211,51 @@ def block_slots(rows: Index, columns: Index, blocks: sps.csr_array, lead: int, s
 
     They are int32 where that is enough.
     """
+    return _found_blocks(rows, columns, blocks, lead, shift, size)[0]
+
+
+def _found_blocks(
+    rows: Index, columns: Index, blocks: sps.csr_array, lead: int, shift: int, size: int
+) -> tuple[Index, int]:
+    """:func:`block_slots`, and how many pairs a square pattern lacks."""
     kind: Any = np.int32 if size < 2**31 else np.int64
     slots: Index = np.empty((*rows.shape, columns.shape[1]), kind)
     rows, columns = (
         np.require(a, requirements=("C", "W")) for a in (rows, columns)
     )  # a read-only one compiles it again
-    find_blocks(rows, columns, blocks.indptr, blocks.indices, lead, shift, slots)
-    return slots
+    return slots, find_blocks(rows, columns, blocks.indptr, blocks.indices, lead, shift, slots)
 
 
-def _blocks(vertex_count: int, stencils: Sequence[Index]) -> sps.csr_array:
-    """All pairs of vertices that share an element, and the diagonal."""
-    pairs = sps.csr_array(sps.eye_array(vertex_count, dtype=bool, format="csr"))
+def _blocks(vertex_count: int, stencils: Sequence[Index], inner: int) -> tuple[sps.csr_array, list[Index]]:
+    """All pairs of vertices that share an element, and the diagonal; slots, with ``inner`` entries after the blocks.
+
+    The stencils with most pairs mostly hold those of the others, so only elements that lack one are added.
+    """
+    nobody = np.empty((0, 1), dtype=np.int64)
+    blocks = _pairs(vertex_count, max(stencils, key=lambda own: own.size * own.shape[1], default=nobody))
+    added = [np.flatnonzero(np.diff(blocks.indptr) == 0)[:, None]]
+    slots = []
     for stencil in stencils:
-        elements = incidence(stencil, vertex_count)
-        pairs = sps.csr_array(pairs + elements.T.tocsr() @ elements)
+        own, lacking = _found_blocks(stencil, stencil, blocks, 6, 0, 9 * blocks.nnz + inner)
+        slots.append(own)
+        added += [_incomplete(stencil, own, vertex_count)] if lacking else []
+    if added := [elements for elements in added if len(elements)]:
+        blocks = sps.csr_array(sum((_pairs(vertex_count, elements) for elements in added), blocks))
+        blocks.sort_indices()
+        slots = [block_slots(stencil, stencil, blocks, 6, 0, 9 * blocks.nnz + inner) for stencil in stencils]
+    return blocks, slots
+
+
+def _pairs(vertex_count: int, stencil: Index) -> sps.csr_array:
+    """Vertices (n, n) that share an element of one stencil, columns sorted."""
+    elements = incidence(stencil, vertex_count)
+    pairs = sps.csr_array(elements.T.tocsr() @ elements)
     pairs.sort_indices()
     return pairs
+
+
+def _incomplete(stencil: Index, slots: Index, vertex_count: int) -> Index:
+    """Elements of a stencil that have no slot for a pair of their vertices."""
+    there = (stencil >= 0) & (stencil < vertex_count)
+    absent = (slots < 0) & there[:, :, None] & there[:, None, :]
+    return stencil[absent.any(axis=(1, 2))]

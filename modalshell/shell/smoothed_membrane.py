@@ -22,6 +22,7 @@ as wide as long, bends 42 times too much in its plane; with it, twice.
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, final
 
@@ -108,8 +109,8 @@ class Strained(NamedTuple):
     stencils: Index
     pairs: Index
     edges: Index
-    strain: Array
-    """B, to (E11, E22, 2 E12); shape (elements, 3, edges)."""
+    strain_of: Callable[[Index, Array], Array]
+    """B (elements, 3, edges), to (E11, E22, 2 E12), of the ``stencils`` and ``areas`` of some of them."""
     areas: Array
     """Part of each triangle's area in the element [m^2]; shape (elements, triangles)."""
     faces: Index
@@ -121,12 +122,7 @@ class Strained(NamedTuple):
 
     def elastic(self, elastic: Array) -> Array:
         """C (elements, 3, 3) [N m] of the elasticity (T, 3, 3) [N/m] of every triangle."""
-        return np.asarray(np.sum(self.areas[:, :, None, None] * elastic[self.faces], axis=1))
-
-    def tensions(self, elastic: Array, stretches: Array) -> Array:
-        """Derivatives (elements, edges) of the energy of C ``elastic`` by half squared lengths (E,)."""
-        strains = np.einsum("eiq,eq->ei", self.strain, stretches[self.edges])
-        return np.asarray(np.einsum("eip,ei->ep", self.strain, np.einsum("eij,ej->ei", elastic, strains)))
+        return _summed_elasticity(elastic, self.areas, self.faces)
 
 
 def strained_elements(
@@ -152,14 +148,13 @@ def strained_elements(
     hinges, edges = mesh.hinges[smooth], mesh.hinge_edges[smooth]
     both, corners, others = _around(mesh, edges)
     areas = taken(both, corners)
-    shares = (areas / areas.sum(axis=1, keepdims=True))[:, :, None, None]
-    strain = np.empty((len(hinges), 3, 5))
-    fill_in_parts(strain, functools.partial(_strain_of_pairs, mesh), hinges, shares)
     numbers = np.empty((len(edges), 5), dtype=np.int64)
     numbers[:, 0] = edges
     for k, side in enumerate((0, 0, 1, 1)):
         numbers[:, 1 + k] = mesh.face_edges[both[:, side], (corners[:, side] + others[:, k]) % 3]
-    found = [Strained(np.ascontiguousarray(hinges), PAIR, numbers, strain, areas, both)]
+    found = [
+        Strained(np.ascontiguousarray(hinges), PAIR, numbers, functools.partial(_strain_of_pairs, mesh), areas, both)
+    ]
 
     edges = mirrored[~clamped[mesh.edges[mirrored]].all(axis=1)]
     rim = mesh.edge_faces[edges, 0]
@@ -167,15 +162,14 @@ def strained_elements(
     own = np.flatnonzero(own_areas.any(axis=1))
     faces = np.ascontiguousarray(mesh.faces[own])
     numbers = np.ascontiguousarray(mesh.face_edges[own][:, [0, 2, 1]])
-    strain = strain_of_lengths(mesh, faces)
-    found.append(Strained(faces, PAIR[:3], numbers, strain, own_areas[own].sum(axis=1)[:, None], own[:, None]))
+    strain_of = functools.partial(_strain_of_triangles, mesh)
+    found.append(Strained(faces, PAIR[:3], numbers, strain_of, own_areas[own].sum(axis=1)[:, None], own[:, None]))
     if rim.size:
         ends = mesh.edges[edges]
         triangles = np.column_stack([ends, mesh.faces[rim].sum(axis=1) - ends.sum(axis=1)])
-        strain = strain_of_lengths(mesh, triangles)
-        strain[:, 2] = 0.0
+        strain_of = functools.partial(_strain_of_triangles, mesh, sheared=False)
         numbers = edge_numbers(mesh, triangles, PAIR[:3])
-        found.append(Strained(triangles, PAIR[:3], numbers, strain, rim_areas, rim[:, None]))
+        found.append(Strained(triangles, PAIR[:3], numbers, strain_of, rim_areas, rim[:, None]))
     return found
 
 
@@ -268,26 +262,42 @@ def strain_of_lengths(mesh: TriangleMesh, triangles: Index, side: float = 1.0) -
     return strain
 
 
-def _strain_of_pairs(mesh: TriangleMesh, hinges: Index, shares: Array) -> Array:
-    """Means (P, 3, 5) of the strains of both triangles of hinges (P, 4), with their shares (P, 2, 1, 1)."""
+def _strain_of_triangles(mesh: TriangleMesh, triangles: Index, _: Array, *, sheared: bool = True) -> Array:
+    """Strains (T, 3, 3) of triangles (T, 3); those not ``sheared`` have no shear."""
+    strain = strain_of_lengths(mesh, triangles)
+    if not sheared:
+        strain[:, 2] = 0.0
+    return strain
+
+
+def _strain_of_pairs(mesh: TriangleMesh, hinges: Index, areas: Array) -> Array:
+    """Means (P, 3, 5) of the strains of both triangles of hinges (P, 4), by their areas (P, 2)."""
     strain = np.zeros((len(hinges), 3, 5))
+    shares = (areas / (areas[:, :1] + areas[:, 1:]))[:, :, None, None]
     # Seen from the edge, the left apex lies at +h, the right one at -h.
     strain[:, :, [0, 1, 2]] = shares[:, 0] * strain_of_lengths(mesh, hinges[:, [0, 1, 2]])
     strain[:, :, [0, 3, 4]] += shares[:, 1] * strain_of_lengths(mesh, hinges[:, [0, 1, 3]], -1.0)
     return strain
 
 
+def _summed_elasticity(elastic: Array, areas: Array, faces: Index) -> Array:
+    """Sums (elements, 3, 3) of the elasticity (T, 3, 3) of the ``faces`` times their ``areas`` (elements, triangles)."""
+    total, *further = (areas[:, k, None, None] * elastic[faces[:, k]] for k in range(faces.shape[1]))
+    for other in further:
+        total += other
+    return total
+
+
 def _matrices(e: Strained, elastic: Array) -> Array:
     """Q (elements, edges, edges) of the elasticity (T, 3, 3) of every triangle."""
 
-    def products(strain: Array, areas: Array, faces: Index) -> Array:
-        part = e._replace(strain=strain, areas=areas, faces=faces).elastic(elastic)
-        matrices = np.empty((len(strain), len(e.pairs), len(e.pairs)))
-        quadratic_forms(strain[None], part[None], matrices)
+    def products(stencils: Index, areas: Array, faces: Index) -> Array:
+        matrices = np.empty((len(stencils), len(e.pairs), len(e.pairs)))
+        quadratic_forms(e.strain_of(stencils, areas)[None], _summed_elasticity(elastic, areas, faces)[None], matrices)
         return np.asarray(0.5 * (matrices + matrices.transpose(0, 2, 1)))
 
-    matrices = np.empty((len(e.strain), len(e.pairs), len(e.pairs)))
-    fill_in_parts(matrices, products, e.strain, e.areas, e.faces)
+    matrices = np.empty((len(e.stencils), len(e.pairs), len(e.pairs)))
+    fill_in_parts(matrices, products, e.stencils, e.areas, e.faces)
     return matrices
 
 

@@ -96,11 +96,11 @@ class SplitFolds:
 
     def matrices(self) -> tuple[sps.csr_array, sps.csr_array, sps.csr_array]:
         """Second derivatives of the bending energy: by fold angles (H, H), by shares and angles (m, H), by shares."""
-        folds, shares, weighted = len(self.hinges), self.share_count, self.shares[:, :, None] * self.moments
+        folds, shares, factors = len(self.hinges), self.share_count, self.shares
         return (
             assembled(self.moments, self.folds, self.folds, (folds, folds)),
-            assembled(weighted, self.share_index, self.folds, (shares, folds)),
-            assembled(weighted * self.shares[:, None, :], self.share_index, self.share_index, (shares, shares)),
+            assembled(self.moments, self.share_index, self.folds, (shares, folds), factors),
+            assembled(self.moments, self.share_index, self.share_index, (shares, shares), factors, factors),
         )
 
     def parts_of_folds(self, angles: Array, shares: Array) -> Array:

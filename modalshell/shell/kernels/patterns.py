@@ -10,23 +10,24 @@ from modalshell.kernels.compiler import njit
 
 
 @njit(fastmath=False)
-def find_blocks(rows: Any, columns: Any, starts: Any, indices: Any, lead: int, shift: int, slots: Any) -> None:
+def find_blocks(rows: Any, columns: Any, starts: Any, indices: Any, lead: int, shift: int, slots: Any) -> int:
     """Write ``lead starts[row] + 3 place + shift`` of every pair of an element's rows and columns into ``slots``.
 
-    ``rows`` (elements, r) and ``columns`` (elements, c) are of a CSR pattern of blocks that has all these pairs; where
-    one is negative, or a column is beyond the last, the slot (elements, r, c) is -1.
+    ``rows`` (elements, r) and ``columns`` (elements, c) are of a CSR pattern of blocks, columns sorted; of a pair that
+    it does not have the slot (elements, r, c) is -1. Returns the number of those that a square pattern could have.
     """
+    count, lacking = starts.size - 1, 0
     for element in range(rows.shape[0]):
         for i in range(rows.shape[1]):
             row = rows[element, i]
-            start, size, last = 0, 0, -1
-            if 0 <= row < starts.size - 1 and starts[row] < starts[row + 1]:
+            start, size = 0, 0
+            if 0 <= row < count:
                 start, size = starts[row], starts[row + 1] - starts[row]
-                last = indices[start + size - 1]
             for j in range(columns.shape[1]):
                 column = columns[element, j]
-                if column < 0 or column > last:
+                if size == 0:
                     slots[element, i, j] = -1
+                    lacking += 0 <= row < count and 0 <= column < count
                     continue
                 # Halved without branches, which a processor would guess wrong every other time.
                 low, left = start, size
@@ -35,6 +36,10 @@ def find_blocks(rows: Any, columns: Any, starts: Any, indices: Any, lead: int, s
                     low = low + half if indices[low + half] <= column else low
                     left -= half
                 slots[element, i, j] = lead * start + 3 * low + shift
+                if indices[low] != column:
+                    slots[element, i, j] = -1
+                    lacking += 0 <= column < count
+    return lacking
 
 
 @njit(fastmath=False)
