@@ -281,7 +281,7 @@ def _strain_of_pairs(mesh: TriangleMesh, hinges: Index, areas: Array) -> Array:
 
 
 def _summed_elasticity(elastic: Array, areas: Array, faces: Index) -> Array:
-    """Sums (elements, 3, 3) of the elasticity (T, 3, 3) of the ``faces`` times their ``areas`` (elements, triangles)."""
+    """Sums (elements, 3, 3) of the elasticity (T, 3, 3) of ``faces`` times their ``areas`` (elements, triangles)."""
     total, *further = (areas[:, k, None, None] * elastic[faces[:, k]] for k in range(faces.shape[1]))
     for other in further:
         total += other
