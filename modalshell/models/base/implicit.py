@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import Any, ClassVar, Self, final
+from typing import Self, final
 
 import numpy as np
 
@@ -55,8 +55,6 @@ class ImplicitModel(FrameModel):
     """A model with states in the frame of its supports; its integrator makes steps of those of implicit Euler."""
 
     integrator: ImplicitRule
-    pressed_in: ClassVar[bool] = False
-    """Whether its contacts press displacements in beyond its own unknowns."""
 
     def stepped_by(self, integrator: str | FullIntegrator) -> Self:
         """The same model, and what it hands over to, with another implicit rule of its steps."""
@@ -157,21 +155,10 @@ class ImplicitStepper(ContactStepper):
         if setup.constraints:
             raise model.no_constraints()
         super().__init__(model, setup, in_frame=True)
-        if setup.contacts:
-            self._contacts, self._presses = self.model.contact_motion(setup, self.origin), self.model.pressed_in
 
-    def start(self, positions: Array | None) -> MotionState:
-        """State at rest, with contacts refused inside a collider."""
-        state = super().start(positions)
-        if self._contacts is None:
-            return state
-        own = self.model.shell.rest_positions if positions is None else positions - self.origin
-        return self._contacts.begin(state, own)
-
-    @property
-    def note(self) -> str:
-        """What a message says of the contacts."""
-        return "" if self._contacts is None else self._contacts.note
+    def _moving_contacts(self) -> Any:
+        """What takes the steps with contacts."""
+        return self.model.contact_motion(self.setup, self.origin)
 
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the model's rule."""

@@ -267,7 +267,6 @@ class ReducedContactMotion(PressedMotion):
     the colliders. ``goal`` is the residual of a step.
     """
 
-    note = ""
     _mean: tuple[Array | None, Array | float] = None, 0.0  # coordinates where a step ended, and forces (n, 3) [N] in it
 
     def frame(self, state: MotionState, positions: Array, time: float) -> TouchedFrame:
