@@ -193,10 +193,6 @@ class CoarseDiscreteShell(OnCoarse):
         """The coarse shell that bears contacts: its own."""
         return self
 
-    def as_coarse(self, state: MotionState) -> MotionState:
-        """A state in positions of the coarse vertices, as it is."""
-        return state
-
     def coarse_contacts(self, contacts: Sequence[Any]) -> list[Any]:
         """Contacts of the coarse vertices, each of those whose nearest fine one may touch."""
         return [contact.on(contact.vertices(self.shell.mesh)[self.nearest]) for contact in contacts]

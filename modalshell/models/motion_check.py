@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple, final
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -132,7 +132,6 @@ def touching_frames(
     return TouchingFrames(shell, contacts, supports, dt / rule.stand_ins, led)
 
 
-@final
 class MotionCheck:
     """Finds the bars of a motion, one checked frame after the other.
 

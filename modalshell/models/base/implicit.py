@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import Self, final
+from typing import Any, Self, final
 
 import numpy as np
 
@@ -108,11 +108,10 @@ class ImplicitModel(FrameModel):
         return ImplicitStepper(self, setup.felt_by(self.integrator))
 
 
-@final
 class ModelSteps(LoadedSteps):
-    """Steps of implicit Euler of a model."""
+    """Steps of implicit Euler of a model, under loads that are asked for where they are needed."""
 
-    def __init__(self, model: ImplicitModel, load_at: LoadAt, damping: Damping) -> None:
+    def __init__(self, model: Any, load_at: LoadAt, damping: Damping) -> None:
         self._model, self._load_at, self._damping = model, load_at, damping
         self._load: Array | None = None
 

@@ -11,7 +11,7 @@ from modalshell.core.cost import count_read
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.integrators.free_parts import axial, inertia_of, left_jacobian, turn_of, vector_of
-from modalshell.integrators.full.implicit_rule import EulerStart, EulerSteps, LoadedSteps, steps_of
+from modalshell.integrators.full.implicit_rule import EulerStart, EulerSteps, steps_of
 from modalshell.integrators.state import MotionState
 from modalshell.models.base.free_frames import FreeFrames
 from modalshell.models.base.implicit import LoadAt, ModelSteps
@@ -76,7 +76,6 @@ def frames_of(shell: Shell, rigid: Array, advice: str) -> FreeFrames | None:
     return frames
 
 
-@final
 class Anchored:
     """Coordinates z (s,) of a shell that its supports hold: no frames, of what :class:`ReducedFlight` gives."""
 
@@ -118,7 +117,6 @@ class Anchored:
         return ModelSteps(model, load_at, damping)
 
 
-@final
 class ReducedFlight:
     """Coordinates (r + s,) of a shell with free parts: those of rigid modes, as in :class:`FreeFrames`, and z (s,).
 
@@ -203,7 +201,7 @@ class ReducedFlight:
 
 
 @final
-class FlyingSteps(LoadedSteps):
+class FlyingSteps(ModelSteps):
     """Steps of implicit Euler of z in the frames, within one step of a rule; loads are those expected at their ends.
 
     Rotation vectors of frames are no straight coordinates: where a frame is at an end follows from the rule's beginning
@@ -211,9 +209,8 @@ class FlyingSteps(LoadedSteps):
     """
 
     def __init__(self, model: Any, begin: tuple[MotionState, float], load_at: LoadAt, damping: Damping) -> None:
-        self._model, self._flight, self._load_at, self._damping = model, model.flight, load_at, damping
-        self._begin, self._dt = begin
-        self._load: Array | None = None
+        super().__init__(model, load_at, damping)
+        self._flight, (self._begin, self._dt) = model.flight, begin
 
     def solve(self, start: EulerStart) -> tuple[MotionState, bool]:
         """State at the end, and whether its equations were solved."""
@@ -264,9 +261,4 @@ class FlyingSteps(LoadedSteps):
 
     def turn(self, coordinates: Array, move: Array) -> float:
         """Largest rotation [rad] of a vertex in its frame by a small ``move`` of the coordinates."""
-        return float(self._model.turn(coordinates[self._flight.count :], move[self._flight.count :]))
-
-    def load_on(self, x: Array) -> Array:
-        """Load (n, 3) [N] of the last step."""
-        assert self._load is not None
-        return self._load
+        return super().turn(coordinates[self._flight.count :], move[self._flight.count :])
