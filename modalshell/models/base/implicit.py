@@ -55,6 +55,8 @@ class ImplicitModel(FrameModel):
     """A model with states in the frame of its supports; its integrator makes steps of those of implicit Euler."""
 
     integrator: ImplicitRule
+    free_parts: Floating | None = None
+    """Parts that nothing holds, of a model that takes such shells and has no frames for them."""
 
     def stepped_by(self, integrator: str | FullIntegrator) -> Self:
         """The same model, and what it hands over to, with another implicit rule of its steps."""
@@ -64,11 +66,6 @@ class ImplicitModel(FrameModel):
             if isinstance(part, ImplicitModel):
                 setattr(other, name, part.stepped_by(integrator))
         return other
-
-    @property
-    def free_parts(self) -> Floating | None:
-        """Parts that nothing holds, of a model that takes such shells."""
-        return None
 
     def contact_motion(self, setup: MotionSetup, origin: Array) -> Any:
         """What takes the steps of a motion with contacts about ``origin`` (3,) [m], of models that take these."""

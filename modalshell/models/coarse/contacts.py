@@ -101,16 +101,11 @@ class CoarseContactMotion:
     def __init__(self, model: Any, setup: MotionSetup, origin: Array) -> None:
         given = checked_contacts(setup.contacts, setup.supports)
         self._model, self._setup, self._under = model, setup, model.on_coarse
-        self._fine = Touching(given, model.shell, origin)
+        self.touching = Touching(given, model.shell, origin)
         self._led = np.array([not contact.push_out for contact in given])
         coarse = self._under.coarse.shell
         own = self._under.coarse_contacts(given)
         self._motion = ContactMotion(model.integrator, setup, coarse, origin, contacts=own)
-
-    @property
-    def touching(self) -> Touching:
-        """The contacts of the fine vertices."""
-        return self._fine
 
     @property
     def note(self) -> str:
@@ -119,7 +114,7 @@ class CoarseContactMotion:
 
     def begin(self, state: MotionState, positions: Array) -> MotionState:
         """A start at ``positions`` (n, 3) [m], refused inside a collider; coarse vertices that are in are put out."""
-        self._fine.refuse_inside(positions)
+        self.touching.refuse_inside(positions)
         begun = self.entered(state, 0.0)
         self._motion.steps.begin(self._model.as_coarse(begun).coordinates)
         return begun
@@ -165,6 +160,6 @@ class CoarseContactMotion:
     def frame(self, state: MotionState, positions: Array, time: float) -> TouchedFrame:
         """What touches in a state whose fine vertices are at ``positions`` (n, 3) [m], at ``time`` [s]."""
         found = self._motion.steps.frame(self._model.as_coarse(state).coordinates, time)
-        deepest = max(0.0, -float(self._fine.at(time).distances(positions).min(initial=0.0)))
+        deepest = max(0.0, -float(self.touching.at(time).distances(positions).min(initial=0.0)))
         forces, touches = self._under.spread(found.forces, found.touches)
         return TouchedFrame(forces, touches, deepest)
