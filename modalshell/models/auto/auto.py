@@ -19,7 +19,6 @@ from modalshell.integrators.state import MotionState
 from modalshell.loads import Loading
 from modalshell.models.auto.account import level_note
 from modalshell.models.auto.answered import LinearAnswers, solver_at_rest
-from modalshell.models.auto.at_rest import statics
 from modalshell.models.auto.checks import Check, FlownCheck, HeldCheck, free_parts_of
 from modalshell.models.auto.levels import CoarseLevel, FullLevel, Level, ModalLevel
 from modalshell.models.auto.sampled import SampledCheck, linear_gaps, lowest_gap
@@ -165,14 +164,14 @@ class Auto(Model):
         modal, full = self.levels[0].model, self.levels[-1].model
         rough = any(contact.friction or getattr(contact, "push_out", 0.0) for contact in contacts)
         if rough or self._free is not None:  # they have no bar: of free parts nothing says where these rest
-            return statics(full, loading, start, contacts)
-        found = statics(modal, loading, start, contacts)
+            return full.solved(loading, start, contacts)
+        found = modal.solved(loading, start, contacts)
         bar = bar_on_shell(self.shell, found.positions, loading, contacts)
         if bar.valid and found.converged and bar.displacement <= 0.5 * self.error:
             x, how = (found.positions, ": it is") if contacts else (bar.corrected, ", corrected: it was")
             told = replace(found, positions=x, outcome=Outcome.CONVERGED, message=f"{modal.name}{how} {bar}")
             return replace(told, stable=True, coordinates=None)
-        exact = statics(full, loading, bar.corrected if bar.valid else start, contacts)
+        exact = full.solved(loading, bar.corrected if bar.valid else start, contacts)
         reason = f"{full.name}, as {modal.name} was {bar}" if not bar.message else f"{full.name}: {bar}"
         return replace(exact, message="; ".join(part for part in (exact.message, reason) if part))
 

@@ -25,6 +25,7 @@ class FullStepper(ContactStepper):
     """
 
     model: Any
+    takes_constraints = True
 
     def _moving_contacts(self) -> Any:
         """What takes the steps with contacts."""

@@ -102,7 +102,7 @@ class ImplicitModel(FrameModel):
 
     def stepper(self, setup: MotionSetup) -> Stepper:
         """What takes the steps of one motion; see :meth:`Model.stepper`."""
-        return ImplicitStepper(self, setup.felt_by(self.integrator))
+        return ImplicitStepper(self, setup.felt_by(self.integrator), in_frame=True)
 
 
 class ModelSteps(LoadedSteps):
@@ -146,11 +146,6 @@ class ImplicitStepper(ContactStepper):
     """Steps under loads as they are expected at the end of each step of implicit Euler, without constraints."""
 
     model: ImplicitModel
-
-    def __init__(self, model: ImplicitModel, setup: MotionSetup) -> None:
-        if setup.constraints:
-            raise model.no_constraints()
-        super().__init__(model, setup, in_frame=True)
 
     def _moving_contacts(self) -> Any:
         """What takes the steps with contacts."""

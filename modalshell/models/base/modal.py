@@ -235,6 +235,7 @@ class ModalStepper(ContactStepper):
     """Steps under loads at few points where these serve, and onto constraints."""
 
     model: ModalModel
+    takes_constraints = True
     _steady: Array | None = None
     """Dead load (n, 3) [N] under which the last pressed step ended, if no other force changes in time."""
     _seen: Array | None = None

@@ -48,12 +48,15 @@ class Stepper(ABC):
     ``residuals`` (k,) are what is left to each constraint's target, [m] or [rad].
     """
 
+    takes_constraints: ClassVar[bool] = False
     takes_contacts: ClassVar[bool] = False
-    """Whether it takes steps with contacts."""
+    """Whether it takes steps under constraints, and with contacts."""
 
     def __init__(
         self, model: Moving, setup: MotionSetup, patches: Sequence[HeldPatch] = (), *, in_frame: bool = False
     ) -> None:
+        if setup.constraints and not self.takes_constraints:
+            raise model.no_constraints()
         if setup.contacts and not self.takes_contacts:
             raise model.no_contacts()
         self.shell, self.setup = model.shell, setup
@@ -310,11 +313,6 @@ class ContactStepper(Stepper):
 @final
 class DeadLoadStepper(Stepper):
     """Steps under loads at the time of the middle of each, where the shell is at its beginning; without constraints."""
-
-    def __init__(self, model: Moving, setup: MotionSetup, *, in_frame: bool = False) -> None:
-        if setup.constraints:
-            raise model.no_constraints()
-        super().__init__(model, setup, in_frame=in_frame)
 
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the model."""
