@@ -99,7 +99,8 @@ class HybridStress(OnCoarse):
         """Make what knows where the shells are."""
         self._shape = CoarseShape(self.coarse, self._basis, self._weighted)
         self._moving = ReducedShell(self._trained, self._reduced, self._shape, self._push)
-        self.flight = states_of(self._shape)
+        self._states = states_of(self._shape)
+        self.flight = self._states.flight
 
     @classmethod
     def trained(
@@ -306,7 +307,7 @@ class HybridStress(OnCoarse):
             steps = self.flight.steps(self, (reduced, dt), load_at, damping)
             after, solved = self.integrator.march(steps, reduced, dt)
             if solved:
-                return self.flight.landed(state, reduced, after), True
+                return self._states.landed(state, reduced, after), True
         return self.coarse.march(self.as_coarse(state), dt, load_at, damping)
 
     @property
@@ -318,7 +319,7 @@ class HybridStress(OnCoarse):
         """A state in positions (k, 3) [m] of the coarse vertices."""
         if state.coordinates.ndim == 2:
             return state
-        return self.flight.as_coarse(state)
+        return self._states.as_coarse(state)
 
     def _solve_touching(
         self, loading: Loading, start: Array | None, contacts: Sequence[Any], constraints: Sequence[Constraint]
@@ -349,8 +350,8 @@ class HybridStress(OnCoarse):
         """The coordinates of a state; None where the basis does not hold a coarse one."""
         if state.coordinates.ndim == 1:
             return state
-        z, held = self._shape.nearest(self.flight.local(state.coordinates))
-        return self.flight.reduced(state) if held and self._moving.sees_state(z) else None
+        z, held = self._shape.nearest(self._states.local(state.coordinates))
+        return self._states.reduced(state) if held and self._moving.sees_state(z) else None
 
     def positions(self, state: MotionState) -> Array:
         """Fine positions (n, 3) [m]."""
@@ -388,4 +389,4 @@ class HybridStress(OnCoarse):
 
     def largest_move(self, change: Array) -> float:
         """Largest displacement [m] of a coarse vertex by a small ``change``."""
-        return super().largest_move(change if change.ndim == 2 else self.flight.moved(change))
+        return super().largest_move(change if change.ndim == 2 else self._states.moved(change))

@@ -68,7 +68,7 @@ def test_states_of_a_flying_hybrid_keep_their_momenta_to_its_coarse_shell_and_ba
     _, model, load = flying
     state = states_under(model, load)[-1]
     below = model.as_coarse(state)
-    back = model.flight.reduced(below)
+    back = model._states.reduced(below)
     parts = model.coarse.free_parts
     given = model.flight.momenta(state.coordinates, state.rates)
     assert np.abs(given).max() > 1e-3

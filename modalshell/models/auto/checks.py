@@ -14,7 +14,7 @@ from modalshell.integrators.free_parts import FittedFrames, FreePart, FreeParts,
 from modalshell.loads import Loading
 from modalshell.models.auto.sampled import SampledCheck
 from modalshell.models.base.bars import check_bar
-from modalshell.models.motion_check import MotionCheck, balancing_load, instant_of, strained_ahead
+from modalshell.models.motion_check import BalancedBars, balancing_load, instant_of, strained_ahead
 from modalshell.modes.rigid import left_free, rigid_motions
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
@@ -31,7 +31,7 @@ _STILL = 1e-7
 
 
 @final
-class HeldCheck(MotionCheck):
+class HeldCheck(BalancedBars):
     """Bars of a shell that its supports hold, and lengths of its displacements, all in the frame of the supports.
 
     Attributes
@@ -56,7 +56,7 @@ class HeldCheck(MotionCheck):
         touching: TouchingFrames | None = None,
         supports: SupportPath | None = None,
     ) -> None:
-        super().__init__(shell, loading, damping, supports, estimator=estimator, touching=touching, in_frame=True)
+        super().__init__(shell, loading, damping, supports, estimator=estimator, touching=touching)
         self.contacts = () if touching is None else touching.contacts
         self._rest, self._mass = shell.rest_positions, np.repeat(shell.mass, 3)
         self.sampled = sampled
@@ -73,6 +73,9 @@ class HeldCheck(MotionCheck):
     def strike_ahead(self, x: Array, v: Array, time: float, dt: float) -> float:
         """Speed [kg^(1/2) m/s] that colliders take in the next ``dt`` [s] of what goes on from x (n, 3) at v (n, 3)."""
         return 0.0 if self._touching is None else self._touching.strike_ahead(x, v, time, dt)
+
+    def supports_at(self, time: float) -> None:
+        """None: frames are in theirs."""
 
     def local(self, x: Array) -> Array:
         """Positions (n, 3) [m] in the frames."""
@@ -162,7 +165,7 @@ class FlownCheck:
         return felt
 
     def bar_under(self, times: Array, frames: Array, dead: Array) -> tuple[ErrorBar, Array, Array | None]:
-        """See :meth:`MotionCheck.bar_under`; in the frames."""
+        """See :meth:`BalancedBars.bar_under`; in the frames."""
         now = instant_of(times, frames)
         load = balancing_load(now, self._shell, self._loading, self._damping, None, dead)
         felt = self._load_in_frames(now.positions, load)

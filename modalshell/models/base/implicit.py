@@ -105,12 +105,26 @@ class ImplicitModel(FrameModel):
         return ImplicitStepper(self, setup.felt_by(self.integrator), in_frame=True)
 
 
-class ModelSteps(LoadedSteps):
+class AskedSteps(LoadedSteps):
     """Steps of implicit Euler of a model, under loads that are asked for where they are needed."""
 
     def __init__(self, model: Any, load_at: LoadAt, damping: Damping) -> None:
         self._model, self._load_at, self._damping = model, load_at, damping
         self._load: Array | None = None
+
+    def turn(self, coordinates: Array, move: Array) -> float:
+        """Largest rotation [rad] of a vertex by a small ``move`` of the coordinates."""
+        return self._model.turn(coordinates, move)
+
+    def load_on(self, x: Array) -> Array:
+        """Load (n, 3) [N] of the last step."""
+        assert self._load is not None
+        return self._load
+
+
+@final
+class ModelSteps(AskedSteps):
+    """Those of the model's own equations."""
 
     def solve(self, start: EulerStart) -> tuple[MotionState, bool]:
         """State at the end, and whether its equations were solved."""
@@ -130,15 +144,6 @@ class ModelSteps(LoadedSteps):
         np.subtract.at(self._load, vertices, (slopes @ speeds[:, :, None])[:, :, 0])
         coordinates, solved = model.euler_step(start, self._load, self._damping)
         return start.after(coordinates), solved
-
-    def turn(self, coordinates: Array, move: Array) -> float:
-        """Largest rotation [rad] of a vertex by a small ``move`` of the coordinates."""
-        return self._model.turn(coordinates, move)
-
-    def load_on(self, x: Array) -> Array:
-        """Load (n, 3) [N] of the last step."""
-        assert self._load is not None
-        return self._load
 
 
 @final

@@ -98,10 +98,12 @@ def _near(off: Array, displacement: Array, shell: Shell) -> bool:
 
 
 @final
-class HeldStates(Anchored):
+class HeldStates:
     """States of a shell that its supports hold."""
 
-    _shape: CoarseShape
+    def __init__(self, shape: CoarseShape) -> None:
+        self.flight = Anchored(shape)
+        self._shape = shape
 
     def as_coarse(self, state: MotionState) -> MotionState:
         """A state of coordinates (m,) in positions (k, 3) [m] of the coarse vertices."""
@@ -126,15 +128,15 @@ class HeldStates(Anchored):
 
 
 @final
-class FlownStates(ReducedFlight):
+class FlownStates:
     """States of a shell with free parts: coordinates (r + m,) of their frames, and of V in these.
 
     Both kinds of states have the same momenta, those of the fine surface.
     """
 
-    def __init__(self, shape: CoarseShape, frames: FreeFrames, momenta: ProlongedParts) -> None:
-        super().__init__(shape, frames)
-        self._shape, self._under, self._above = shape, momenta.under, momenta
+    def __init__(self, shape: CoarseShape, flight: ReducedFlight, momenta: ProlongedParts) -> None:
+        self.flight = flight
+        self._shape, self._under, self._momenta = shape, momenta.under, momenta
         self._fitted = FittedFrames(shape.rest, momenta.under)
 
     def as_coarse(self, state: MotionState) -> MotionState:
@@ -151,8 +153,8 @@ class FlownStates(ReducedFlight):
 
     def moved(self, change: Array) -> Array:
         """Displacements (k, 3) of the coarse vertices by a small change of coordinates (r + m,)."""
-        found, rest = self._shape.moved(change[self.count :]), self._shape.rest
-        for part, (moved, turned) in zip(self._under.parts, self.frames.poses(change), strict=True):
+        found, rest = self._shape.moved(change[self.flight.count :]), self._shape.rest
+        for part, (moved, turned) in zip(self._under.parts, self.flight.frames.poses(change), strict=True):
             own = rest[part.vertices]
             found[part.vertices] += moved + crossed(turned, own - part.mean(own))
         return found
@@ -165,9 +167,9 @@ class FlownStates(ReducedFlight):
         """
         if state is reduced:
             return after
-        frames = self.frames
-        q, rates, momenta = after.coordinates, after.rates, self.momenta(after.coordinates, after.rates)
-        found = (self._shape.fine(state.coordinates), *map(self.positions, (reduced.coordinates, q)))
+        frames, flight = self.flight.frames, self.flight
+        q, rates, momenta = after.coordinates, after.rates, flight.momenta(after.coordinates, after.rates)
+        found = (self._shape.fine(state.coordinates), *map(flight.positions, (reduced.coordinates, q)))
         poses, speeds = frames.poses(q), frames.poses(rates)
         for part, pose, speed, momentum in zip(frames.parts, poses, speeds, momenta, strict=True):
             first, taken, last = (x[part.vertices] - part.mean(x[part.vertices]) for x in found)
@@ -188,7 +190,7 @@ class FlownStates(ReducedFlight):
 
     def _at_coarse_vertices(self, q: Array, rates: Array) -> tuple[Array, Array]:
         """Positions and velocities (k, 3) of coordinates and rates (r + m,)."""
-        shape, frames, r = self._shape, self.frames, self.count
+        shape, frames, r = self._shape, self.flight.frames, self.flight.count
         z, flow = q[r:], rates[r:]
         x, v, fine, moving = shape.under(z), shape.moved(flow), shape.at(z), shape.flow(z, flow)
         poses, speeds, spins = frames.poses(q), frames.poses(rates), frames.spins(q, rates)
@@ -205,9 +207,9 @@ class FlownStates(ReducedFlight):
 
     def _nearest_coordinates(self, x: Array, v: Array) -> tuple[Array, Array]:
         """Coordinates and rates (r + m,) nearest to positions and velocities (k, 3)."""
-        shape, frames, rest = self._shape, self.frames, self._shape.rest
+        shape, frames, rest = self._shape, self.flight.frames, self._shape.rest
         local, own = x.copy(), v.copy()
-        momenta, fine = self._above.momenta(x, v), shape.fine(x)
+        momenta, fine = self._momenta.momenta(x, v), shape.fine(x)
         poses, speeds = np.empty((2, len(frames.parts), 2, 3))
         turns = []
         for number, (above, part) in enumerate(zip(frames.parts, self._under.parts, strict=True)):
@@ -228,8 +230,8 @@ class FlownStates(ReducedFlight):
             arms = shaped[above.vertices] - above.mean(shaped[above.vertices])
             spin = np.linalg.solve(inertia_of(above.moments(arms, arms)), turn.T @ momenta[number, 1])
             speeds[number, 1] = np.linalg.solve(left_jacobian(-poses[number, 1]), spin)
-        z, rates = self.whole(z), self.whole(shape.of_moved(own))
-        return frames.with_poses(z, poses), frames.with_poses(rates, speeds)
+        whole = self.flight.whole
+        return frames.with_poses(whole(z), poses), frames.with_poses(whole(shape.of_moved(own)), speeds)
 
 
 def _with_memory(state: MotionState, place: Callable[[Array, Array], tuple[Array, Array]]) -> MotionState:
@@ -252,7 +254,7 @@ def states_of(shape: CoarseShape) -> HeldStates | FlownStates:
         return HeldStates(shape)
     if momenta is None:
         raise OptionError("the coarse shell must have the same parts without supports as the shell itself")
-    return FlownStates(shape, frames, momenta)
+    return FlownStates(shape, ReducedFlight(shape, frames), momenta)
 
 
 def flying_frames(shell: Shell) -> FreeFrames | None:

@@ -24,7 +24,7 @@ from modalshell.integrators.full.implicit_rule import EulerStart
 from modalshell.integrators.state import PUSHES, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.implicit import LoadAt, ModelSteps
+from modalshell.models.base.implicit import AskedSteps, LoadAt
 from modalshell.models.base.pressed_motion import LOCAL, PressedMotion
 from modalshell.models.base.settle import self_consistent
 from modalshell.models.base.setup import MotionSetup
@@ -203,7 +203,7 @@ def _stable(problem: Any, pressing: ModalContacts, pressed: Pressed) -> bool:
 
 
 @final
-class _PressedSteps(ModelSteps):
+class _PressedSteps(AskedSteps):
     """Steps of implicit Euler of a model that contacts press on, within one that begins at ``when`` [s], of a length.
 
     ``given`` (n, 3) [N s] are the impulses of the colliders so far, and ``stays`` whether what they push on is what

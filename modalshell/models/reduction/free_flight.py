@@ -14,7 +14,7 @@ from modalshell.integrators.free_parts import axial, inertia_of, left_jacobian, 
 from modalshell.integrators.full.implicit_rule import EulerStart, EulerSteps, steps_of
 from modalshell.integrators.state import MotionState
 from modalshell.models.base.free_frames import FreeFrames
-from modalshell.models.base.implicit import LoadAt, ModelSteps
+from modalshell.models.base.implicit import AskedSteps, LoadAt, ModelSteps
 from modalshell.models.base.stepper import LEAD
 from modalshell.modes.rigid import left_free, rigid_share
 from modalshell.shell import Shell
@@ -76,6 +76,7 @@ def frames_of(shell: Shell, rigid: Array, advice: str) -> FreeFrames | None:
     return frames
 
 
+@final
 class Anchored:
     """Coordinates z (s,) of a shell that its supports hold: no frames, of what :class:`ReducedFlight` gives."""
 
@@ -117,6 +118,7 @@ class Anchored:
         return ModelSteps(model, load_at, damping)
 
 
+@final
 class ReducedFlight:
     """Coordinates (r + s,) of a shell with free parts: those of rigid modes, as in :class:`FreeFrames`, and z (s,).
 
@@ -201,7 +203,7 @@ class ReducedFlight:
 
 
 @final
-class FlyingSteps(ModelSteps):
+class FlyingSteps(AskedSteps):
     """Steps of implicit Euler of z in the frames, within one step of a rule; loads are those expected at their ends.
 
     Rotation vectors of frames are no straight coordinates: where a frame is at an end follows from the rule's beginning
