@@ -66,6 +66,8 @@ class ModalContacts:
         The contacts at the time that is looked at.
     moving, rubs : bool
         Whether a collider moves, and whether a contact has friction.
+    positions, moves : callable
+        Positions without what is beyond the modes, and their derivatives, as given.
     shapes : LocalShapes
         What the shell gives way beyond its modes.
     spins : Turning
@@ -89,7 +91,7 @@ class ModalContacts:
         tiles: tuple[Array, Array, Array] | None = None,
     ) -> None:
         self.touching = Touching(contacts, basis.shell)
-        self._basis, self._positions, self._rows, self.spins = basis, positions, rows, Turning(turns, basis.rotations)
+        self._basis, self.positions, self.moves, self.spins = basis, positions, rows, Turning(turns, basis.rotations)
         self._shape, self._tiles = shape, tiles
         self.shapes = LocalShapes(basis, CANDIDATES)
         self.moving = any(contact.motion is not None for contact in self.touching.contacts)
@@ -135,14 +137,6 @@ class ModalContacts:
         time, dt, whole = when
         return Friction(self.touching.at(time - dt), pushes, x, dt, whole) if self.rubs and pushes.any() else None
 
-    def positions(self, q: Array) -> Array:
-        """Positions (n, 3) [m] at q (m,), without what is beyond the modes."""
-        return self._positions(q)
-
-    def moves(self, q: Array, vertices: Index) -> Array:
-        """Derivatives (k, 3, m) of some vertices' positions at q (m,)."""
-        return self._rows(q, vertices)
-
     @property
     def rests(self) -> bool:
         """Whether all colliders rest, and are of known forms."""
@@ -158,20 +152,20 @@ class ModalContacts:
 
     def along(self, q: Array, rows: Index) -> Array:
         """Derivatives (k, m) of the gaps of some rows."""
-        moves = self._rows(q, self.touching.vertices[rows])
-        normals = self.touching.normals(self._positions(q), rows)
+        moves = self.moves(q, self.touching.vertices[rows])
+        normals = self.touching.normals(self.positions(q), rows)
         return np.asarray((normals[:, None, :] @ moves)[:, 0])
 
     def turning(self, q: Array, x: Array, pushes: Array) -> Array:
         """Stiffness (m, m) that ``pushes`` (r,) [N] at positions x (n, 3) take away as they turn with the surfaces."""
         rows = np.flatnonzero(pushes)
-        moves, curvatures = self._rows(q, self.touching.vertices[rows]), self.touching.gaps(x, rows)[2]
+        moves, curvatures = self.moves(q, self.touching.vertices[rows]), self.touching.gaps(x, rows)[2]
         return np.einsum("kim,kij,kjl->ml", moves, pushes[rows, None, None] * curvatures, moves, optimize=True)
 
     def pull(self, q: Array, forces: Array) -> Array:
         """Generalised force (m,) of contact forces (n, 3) [N]."""
         vertices = np.flatnonzero(forces.any(axis=1))
-        return np.einsum("ki,kim->m", forces[vertices], self._rows(q, vertices))
+        return np.einsum("ki,kim->m", forces[vertices], self.moves(q, vertices))
 
     def gaps(self, x: Array) -> Array:
         """Gaps (r,) [m] of all rows at positions x (n, 3)."""
@@ -273,7 +267,7 @@ class ModalContacts:
             tiles, store, rows = self.surface()
             out = np.empty_like(local), local, gaps
             return *out, warp_kernels.warp_ended(tiles, q, (store, slots, forces), rows, self.bodies, out)
-        base, turns, spin = self._positions(q), self.spins.unspun(q), self.spins.spin
+        base, turns, spin = self.positions(q), self.spins.unspun(q), self.spins.spin
         if self.bodies is not None:
             least = kernels.ended(pushed, spin, q, turns, base, rows, self.bodies, local, gaps)
             return base, local, gaps, least
@@ -298,7 +292,7 @@ class ModalContacts:
 
     def state(self, q: Array, pushes: Array, local: Array | float) -> Pressed:
         """What forces (r,) [N] press in at q (m,), along the normals where ``local`` (n, 3) [m] was pressed in."""
-        base = self._positions(q)
+        base = self.positions(q)
         return Pressed(q, self._local(q, pushes, base + local), pushes, False, base)
 
     def _local(self, q: Array, pushes: Array, base: Array) -> Array:

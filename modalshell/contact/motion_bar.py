@@ -39,23 +39,13 @@ class TouchingFrames:
         part: float | None = None,
         led: LedVertices | None = None,
     ) -> None:
-        given = checked_contacts(contacts, supports)
-        self._estimator = ContactEstimator(shell, given, led, rubbed=True)
-        self._touching, self._origin, self._mass = self._estimator.touching, self._estimator.origin, shell.mass
+        self.contacts = given = checked_contacts(contacts, supports)
+        self.estimator = ContactEstimator(shell, given, led, rubbed=True)
+        self._touching, self._origin, self._mass = self.estimator.touching, self.estimator.origin, shell.mass
         self._yields = np.array([contact.push_out > 0.0 for contact in given])
         self._part = part
         rough = np.array([contact.rough for contact in given])
         self._rough = np.flatnonzero(rough[self._touching.contact_of])
-
-    @property
-    def contacts(self) -> tuple[Contact, ...]:
-        """The contacts."""
-        return self._touching.contacts
-
-    @property
-    def estimator(self) -> ContactEstimator:
-        """What finds the bars."""
-        return self._estimator
 
     def refuse_inside(self, x: Array) -> None:
         """OptionError where a vertex at x (n, 3) [m] lies inside a collider at time 0."""
@@ -86,9 +76,9 @@ class TouchingFrames:
         reason = self._unjudged(times, frames, load)
         if reason:
             return ErrorBar(np.inf, -np.inf, 0.0, False, frames[1].copy(), 0.0, reason), reason
-        self._estimator.look(float(times[1]), ahead)
-        bar = self._estimator.bar(frames[1], load, time=float(times[1]), ahead=ahead)
-        if not self._estimator.unsettled:
+        self.estimator.look(float(times[1]), ahead)
+        bar = self.estimator.bar(frames[1], load, time=float(times[1]), ahead=ahead)
+        if not self.estimator.unsettled:
             return bar, ""
         return bar, STRUCK if self._strike(times, frames) > 0.0 else UNSETTLED
 

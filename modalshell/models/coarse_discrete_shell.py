@@ -81,6 +81,7 @@ class CoarseDiscreteShell(OnCoarse):
 
     name = "coarse DS"
     follows_snaps = True
+    free_parts: ProlongedParts | None
 
     def __init__(
         self,
@@ -123,7 +124,7 @@ class CoarseDiscreteShell(OnCoarse):
             self._above, self._shares, _ = closest_points(mesh, under.vertices, common_parts(mesh, under))
         self._step = profile_step(coarse)
         self._exact = coarse is shell  # the same shell: of several minima of a step that of DS
-        self._free_parts = ProlongedParts.of(shell, coarse, self._prolongation)
+        self.free_parts = ProlongedParts.of(shell, coarse, self._prolongation)
 
     @property
     def is_compiled(self) -> bool:
@@ -192,10 +193,6 @@ class CoarseDiscreteShell(OnCoarse):
     def on_coarse(self) -> Self:
         """The coarse shell that bears contacts: its own."""
         return self
-
-    def as_coarse(self, state: MotionState) -> MotionState:
-        """A state in positions of the coarse vertices, as it is."""
-        return state
 
     def coarse_contacts(self, contacts: Sequence[Any]) -> list[Any]:
         """Contacts of the coarse vertices, each of those whose nearest fine one may touch."""
@@ -302,11 +299,6 @@ class CoarseDiscreteShell(OnCoarse):
         own = self.coarse.stepped_by(self.integrator)
         return self._crease_motion(damping).advance(own, at, state, dt)
 
-    @property
-    def free_parts(self) -> ProlongedParts | None:
-        """Parts of the fine shell that nothing holds."""
-        return self._free_parts
-
     def euler_step(self, start: EulerStart, load: Array, damping: Damping) -> tuple[Array, bool]:
         """Positions (k, 3) [m] of the coarse shell after a step of implicit Euler, in the frame of its supports."""
         down = self.carried(load)
@@ -349,7 +341,7 @@ class CoarseDiscreteShell(OnCoarse):
     def carried(self, load: Array) -> Array:
         """Load (k, 3) [N] on the coarse vertices in motion of one on the fine ones (n, 3) [N]."""
         down = self._prolongation.restrict(load)
-        return down if self._free_parts is None else self._free_parts.balanced(load, down)
+        return down if self.free_parts is None else self.free_parts.balanced(load, down)
 
     def turn(self, coordinates: Array, move: Array) -> float:
         """Largest rotation [rad] of a coarse vertex by a small ``move`` (k, 3) [m]."""

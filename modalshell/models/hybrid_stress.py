@@ -326,7 +326,7 @@ class HybridStress(OnCoarse):
     ) -> Equilibrium:
         from modalshell.models.coarse.contacts import equilibrium_or_coarse_contacts  # not without contacts
 
-        free = partial(self._solve_untouched, loading, start)
+        free = partial(self.solved, loading, start)
         return equilibrium_or_coarse_contacts(self.coarse, free, loading, start, contacts, constraints)
 
     def euler_step(self, start: EulerStart, load: Array, damping: Damping, size: float = 0.0) -> tuple[Array, bool]:

@@ -98,7 +98,6 @@ class ModalDerivatives(ImplicitModel):
     """
 
     name = "MD-ROM"
-    pressed_in = True
 
     def __init__(
         self,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple, final
 
@@ -20,7 +21,7 @@ from modalshell.modes import Basis
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 from modalshell.statics.error_bar import ErrorBar, ErrorEstimator, Estimator
-from modalshell.supports import SupportPath
+from modalshell.supports import Pose, SupportPath
 from modalshell.supports.constraints import LedVertices
 
 if TYPE_CHECKING:
@@ -132,9 +133,8 @@ def touching_frames(
     return TouchingFrames(shell, contacts, supports, dt / rule.stand_ins, led)
 
 
-@final
-class MotionCheck:
-    """Finds the bars of a motion, one checked frame after the other.
+class BalancedBars(ABC):
+    """Finds the bars of a motion, one checked frame after the other, under loads that balance its inertia.
 
     OptionError for a shell that its supports do not hold.
 
@@ -155,8 +155,6 @@ class MotionCheck:
         Contacts have their own, and of constraints one must be given that leads their vertices in that frame.
     touching : TouchingFrames, optional
         Its contacts, of which a coarse shell takes none; see :func:`touching_frames`.
-    in_frame : bool
-        Whether frames are in the frame of the supports, and not in the world.
 
     Attributes
     ----------
@@ -176,11 +174,9 @@ class MotionCheck:
         *,
         estimator: ErrorEstimator | None = None,
         touching: TouchingFrames | None = None,
-        in_frame: bool = False,
     ) -> None:
         check_bar(shell)
         self._shell, self._loading, self._damping, self._supports = shell, loading, damping, supports
-        self._frame = None if in_frame else supports
         self.basis: Basis | None = None
         self._coarse, self.unjudged = coarse, ""
         self._touching = touching
@@ -190,13 +186,17 @@ class MotionCheck:
         else:
             self._estimator = estimator or quick_estimator(shell if coarse is None else coarse.coarse.shell)
 
+    @abstractmethod
+    def supports_at(self, time: float) -> Pose | None:
+        """Where supports are at ``time`` [s] in the axes of frames and forces; None where these are in their frame."""
+
     def own(self, time: float, positions: Array) -> Array:
-        """Positions (n, 3) [m] of the world in the frame of the supports."""
-        x = np.asarray(positions, dtype=np.float64)
-        return x if self._frame is None else self._frame.at(time).to_shell(x)
+        """Positions (n, 3) [m] of a frame in the frame of the supports."""
+        x, pose = np.asarray(positions, dtype=np.float64), self.supports_at(time)
+        return x if pose is None else pose.to_shell(x)
 
     def bar(self, times: Array, frames: Array, forces: Array | None = None) -> ErrorBar:
-        """Bar of the middle one of three frames (3, n, 3) [m] of the world at ``times`` (3,) [s].
+        """Bar of the middle one of three frames (3, n, 3) [m] at ``times`` (3,) [s].
 
         ``forces`` (3, n, 3) [N] are those of contacts in the frames, which friction is taken from.
         """
@@ -211,7 +211,8 @@ class MotionCheck:
         x, time = own[1], float(times[1])
         if self._touching is not None:
             if forces is not None:
-                load = load + self._touching.friction(times, own, self._forces_in_frame(times, forces))
+                turned = [self._own_force(float(time), force) for time, force in zip(times, forces, strict=True)]
+                load = load + self._touching.friction(times, own, np.stack(turned))
             bar, self.unjudged = self._touching.bar(times, own, load, ahead)
         elif self._coarse is None:
             bar = self._estimator.bar(x, load, time=time, ahead=ahead)
@@ -222,14 +223,13 @@ class MotionCheck:
         return bar, load, ahead
 
     def _in_frame_of_supports(self, times: Array, frames: Array) -> Array:
-        """Frames (F, n, 3) [m] of the world at ``times`` (F,) [s] in the frame of the supports."""
+        """Frames (F, n, 3) [m] at ``times`` (F,) [s] in the frame of the supports."""
         return np.stack([self.own(float(time), frame) for time, frame in zip(times, frames, strict=True)])
 
-    def _forces_in_frame(self, times: Array, forces: Array) -> Array:
-        """Forces (F, n, 3) [N] of the world at ``times`` (F,) [s] in the frame of the supports."""
-        if self._frame is None:
-            return forces
-        return np.stack([f @ self._frame.at(float(t)).rotation for t, f in zip(times, forces, strict=True)])
+    def _own_force(self, time: float, force: Array) -> Array:
+        """Forces (n, 3) [N] of a frame in the frame of the supports."""
+        pose = self.supports_at(time)
+        return force if pose is None else force @ pose.rotation
 
     def load_under(self, times: Array, frames: Array, dead: Array | None = None) -> tuple[Array, Array | None]:
         """The load (n, 3) [N] in balance, without friction, and by what (n, 3) [m] its shape is strained ahead."""
@@ -265,6 +265,15 @@ class MotionCheck:
     def norm(self, displacement: Array) -> float:
         """Of displacements (n, 3) [m], in the norm of the mass [kg^(1/2) m]."""
         return float(np.sqrt(np.sum(self._shell.mass[:, None] * displacement**2)))
+
+
+@final
+class MotionCheck(BalancedBars):
+    """Bars of frames in the world."""
+
+    def supports_at(self, time: float) -> Pose | None:
+        """See :meth:`BalancedBars.supports_at`."""
+        return None if self._supports is None else self._supports.at(time)
 
 
 def bar_at_largest(

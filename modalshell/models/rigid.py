@@ -93,7 +93,7 @@ class RigidShell(FrameModel):
 
     def stepper(self, setup: MotionSetup) -> Stepper:
         """What takes the steps of one motion; see :meth:`Model.stepper`."""
-        return RigidStepper(self, setup.averaged)
+        return RigidStepper(self, setup.averaged, in_frame=True)
 
     def step(
         self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
@@ -208,11 +208,6 @@ class RigidStepper(Stepper):
     """Steps under loads as they are where the body is expected, without constraints."""
 
     model: RigidShell
-
-    def __init__(self, model: RigidShell, setup: MotionSetup) -> None:
-        if setup.constraints:
-            raise model.no_constraints()
-        super().__init__(model, setup, in_frame=True)
 
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the body."""

@@ -178,6 +178,19 @@ def test_turns_of_vertices_are_those_of_the_body(shell):
     np.testing.assert_allclose(found, np.tile(turn.as_rotvec(), (len(rest), 1)), atol=1e-12)
 
 
+def test_a_motion_that_is_placed_goes_on_with_its_contacts(shell, model):
+    """The placed state did not know that nothing pushes on it, and the next step failed."""
+    plain, placed = (Motion(model, shell.loading(GRAVITY, None, None), dt=1 / 60, contacts=[FLOOR]) for _ in range(2))
+    plain.advance()
+    placed.advance()
+    placed.place(shell.rest_positions)
+    for _ in range(2):
+        placed.advance()
+    plain.advance()
+    assert np.array_equal(placed.positions(), plain.positions())
+    assert placed.touched().deepest == 0.0
+
+
 def test_what_modal_derivatives_do_not_take_is_refused_by_name(model):
     for option in ({"friction": 0.2}, {"push_out": 1.0}, {"restitution": 0.5}):
         contact = ms.Contact(ms.Plane((0, 0, 1), -1.0), **option)

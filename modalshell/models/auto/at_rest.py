@@ -7,13 +7,11 @@ from typing import Any, NamedTuple, final
 
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
-from modalshell.loads import Loading
 from modalshell.models.auto.checks import Check
 from modalshell.models.auto.levels import Level
 from modalshell.models.auto.loads_ahead import LoadsAhead
 from modalshell.models.auto.sampled import SampledCheck
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.model import Model
 from modalshell.statics.error_bar import LEAST_MARGIN, ErrorBar
 
 _KEPT = 4
@@ -22,18 +20,11 @@ _ALIKE = 1e-9
 """Loads are alike whose linear answers' lengths differ by no larger part."""
 
 
-def statics(model: Model, loading: Loading, start: Array | None, contacts: Sequence[Any] = ()) -> Equilibrium:
-    """A model's own answer from ``start`` (n, 3) [m]; whether loads are beyond buckling, which is dear, is not said."""
-    if contacts:
-        return model._solve_touching(loading, start, contacts, ())
-    return model._solve_untouched(loading, start)
-
-
 def _under(level: Level, force: Array, start: Array | None = None, contacts: Sequence[Any] = ()) -> Equilibrium:
-    """The same of a level under a force (n, 3) [N]; LoadError for one that is not finite, as for such a start."""
+    """A level's own answer to a force (n, 3) [N]; LoadError for one that is not finite, as for such a ``start``."""
     shell = level.still.shell
     begin = None if start is None else shell.checked_positions(start)
-    return statics(level.still, shell.loading(force=force), begin, contacts)
+    return level.still.solved(shell.loading(force=force), begin, contacts)
 
 
 class Answer(NamedTuple):

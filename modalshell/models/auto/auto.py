@@ -19,7 +19,6 @@ from modalshell.integrators.state import MotionState
 from modalshell.loads import Loading
 from modalshell.models.auto.account import level_note
 from modalshell.models.auto.answered import LinearAnswers, solver_at_rest
-from modalshell.models.auto.at_rest import statics
 from modalshell.models.auto.checks import Check, FlownCheck, HeldCheck, free_parts_of
 from modalshell.models.auto.levels import CoarseLevel, FullLevel, Level, ModalLevel
 from modalshell.models.auto.sampled import SampledCheck, linear_gaps, lowest_gap
@@ -40,7 +39,7 @@ from modalshell.modes import model_basis
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
 from modalshell.shell.strain_range import ends_strained, strained_beyond
-from modalshell.statics.error_bar import ErrorBar, ErrorEstimator, QuickCheck
+from modalshell.statics.error_bar import ErrorEstimator, QuickCheck
 from modalshell.supports.constraints import Constraint
 
 
@@ -158,27 +157,21 @@ class Auto(Model):
         return self._solve_live(Loading(self.shell.rest_positions, load), start)
 
     def _solve_live(self, loading: Loading, start: Array | None) -> Equilibrium:
-        """The modal answer, corrected, where its bar is small; that of DS elsewhere."""
-        modal, full = self.levels[0].model, self.levels[-1].model
-        if self._free is not None:  # it has no bar, as nothing says where it rests
-            return statics(full, loading, start)
-        found = statics(modal, loading, start)
-        bar = bar_on_shell(self.shell, found.positions, loading)
-        good = bar.valid and found.outcome in (Outcome.CONVERGED, Outcome.DISTORTED)
-        if good and bar.displacement <= 0.5 * self.error:
-            return replace(
-                found,
-                positions=bar.corrected,
-                outcome=Outcome.CONVERGED,
-                message=f"{modal.name}, corrected: it was {bar}",
-                stable=True,
-                coordinates=None,
-            )
-        return self._with_reason(statics(full, loading, bar.corrected if bar.valid else start), bar)
+        return self._solve_unled(loading, start)
 
-    def _with_reason(self, exact: Equilibrium, bar: ErrorBar) -> Equilibrium:
-        """The answer of DS, with the reason in its message."""
+    def _solve_unled(self, loading: Loading, start: Array | None, contacts: Sequence[Any] = ()) -> Equilibrium:
+        """The modal answer where its bar is small, corrected but for contacts; that of DS elsewhere, and the reason."""
         modal, full = self.levels[0].model, self.levels[-1].model
+        rough = any(contact.friction or getattr(contact, "push_out", 0.0) for contact in contacts)
+        if rough or self._free is not None:  # they have no bar: of free parts nothing says where these rest
+            return full.solved(loading, start, contacts)
+        found = modal.solved(loading, start, contacts)
+        bar = bar_on_shell(self.shell, found.positions, loading, contacts)
+        if bar.valid and found.converged and bar.displacement <= 0.5 * self.error:
+            x, how = (found.positions, ": it is") if contacts else (bar.corrected, ", corrected: it was")
+            told = replace(found, positions=x, outcome=Outcome.CONVERGED, message=f"{modal.name}{how} {bar}")
+            return replace(told, stable=True, coordinates=None)
+        exact = full.solved(loading, bar.corrected if bar.valid else start, contacts)
         reason = f"{full.name}, as {modal.name} was {bar}" if not bar.message else f"{full.name}: {bar}"
         return replace(exact, message="; ".join(part for part in (exact.message, reason) if part))
 
@@ -191,18 +184,10 @@ class Auto(Model):
     def _solve_touching(
         self, loading: Loading, start: Array | None, contacts: Sequence[Any], constraints: Sequence[Constraint]
     ) -> Equilibrium:
-        """The modal answer where its bar is small; that of DS elsewhere, under constraints and friction, too."""
-        modal, full = self.levels[0].model, self.levels[-1].model
-        rough = any(contact.friction or getattr(contact, "push_out", 0.0) for contact in contacts)
-        if constraints or rough or self._free is not None:
-            return full._solve_touching(loading, start, contacts, constraints)
-        found = statics(modal, loading, start, contacts)
-        bar = bar_on_shell(self.shell, found.positions, loading, contacts)
-        if bar.valid and found.converged and bar.displacement <= 0.5 * self.error:
-            return replace(
-                found, outcome=Outcome.CONVERGED, message=f"{modal.name}: it is {bar}", stable=True, coordinates=None
-            )
-        return self._with_reason(statics(full, loading, bar.corrected if bar.valid else start, contacts), bar)
+        """As without contacts; under constraints that of DS."""
+        if constraints:
+            return self.levels[-1].model._solve_touching(loading, start, contacts, constraints)
+        return self._solve_unled(loading, start, contacts)
 
     def rigid_load(self, load: Array) -> float:
         """That of DS: the share of a load (n, 3) along free translations; free turns can find a balance."""

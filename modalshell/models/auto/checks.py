@@ -14,7 +14,7 @@ from modalshell.integrators.free_parts import FittedFrames, FreePart, FreeParts,
 from modalshell.loads import Loading
 from modalshell.models.auto.sampled import SampledCheck
 from modalshell.models.base.bars import check_bar
-from modalshell.models.motion_check import MotionCheck, balancing_load, instant_of, strained_ahead
+from modalshell.models.motion_check import BalancedBars, balancing_load, instant_of, strained_ahead
 from modalshell.modes.rigid import left_free, rigid_motions
 from modalshell.shell import Shell
 from modalshell.shell.damping import Damping
@@ -31,7 +31,7 @@ _STILL = 1e-7
 
 
 @final
-class HeldCheck:
+class HeldCheck(BalancedBars):
     """Bars of a shell that its supports hold, and lengths of its displacements, all in the frame of the supports.
 
     Attributes
@@ -56,10 +56,8 @@ class HeldCheck:
         touching: TouchingFrames | None = None,
         supports: SupportPath | None = None,
     ) -> None:
-        self._check = MotionCheck(
-            shell, loading, damping, supports, estimator=estimator, touching=touching, in_frame=True
-        )
-        self._touching, self.contacts = touching, () if touching is None else touching.contacts
+        super().__init__(shell, loading, damping, supports, estimator=estimator, touching=touching)
+        self.contacts = () if touching is None else touching.contacts
         self._rest, self._mass = shell.rest_positions, np.repeat(shell.mass, 3)
         self.sampled = sampled
 
@@ -75,6 +73,9 @@ class HeldCheck:
     def strike_ahead(self, x: Array, v: Array, time: float, dt: float) -> float:
         """Speed [kg^(1/2) m/s] that colliders take in the next ``dt`` [s] of what goes on from x (n, 3) at v (n, 3)."""
         return 0.0 if self._touching is None else self._touching.strike_ahead(x, v, time, dt)
+
+    def supports_at(self, time: float) -> None:
+        """None: frames are in theirs."""
 
     def local(self, x: Array) -> Array:
         """Positions (n, 3) [m] in the frames."""
@@ -92,30 +93,6 @@ class HeldCheck:
     def standing(self, force: Array, x: Array, v: Array) -> Array:
         """Load (n, 3) [N] in the frames that bends a shell at x, of velocities v, under forces (n, 3) [N]."""
         return force
-
-    def bar_under(self, times: Array, frames: Array, dead: Array) -> tuple[ErrorBar, Array, Array | None]:
-        """Bar of the middle one of three frames (3, n, 3) [m], and what :meth:`load_under` says of it."""
-        return self._check.bar_under(times, frames, dead)
-
-    def load_under(self, times: Array, frames: Array, dead: Array) -> tuple[Array, Array | None]:
-        """The load (n, 3) [N] in balance there, and by what (n, 3) [m] the shape that rests under it is ahead."""
-        return self._check.load_under(times, frames, dead)
-
-    @property
-    def unjudged(self) -> str:
-        """Why the last bar of a frame could not be found, where contacts alone prevent it; "" elsewhere."""
-        return self._check.unjudged
-
-    def static(self, x: Array, load: Array, time: float = 0.0, ahead: Array | None = None) -> ErrorBar:
-        """Bar of an answer at x (n, 3) [m] in the frames under a load (n, 3) [N] at ``time`` [s].
-
-        The answer rests, or its stresses are those of a shape ``ahead`` (n, 3) [m] of it; see :meth:`Estimator.bar`.
-        """
-        return self._check.static(x, load, time, ahead)
-
-    def off(self, bar: ErrorBar, x: Array) -> float:
-        """Distance [kg^(1/2) m] of positions from those that a bar corrects them to."""
-        return self._check.off(bar, x)
 
 
 @final
@@ -188,7 +165,7 @@ class FlownCheck:
         return felt
 
     def bar_under(self, times: Array, frames: Array, dead: Array) -> tuple[ErrorBar, Array, Array | None]:
-        """See :meth:`HeldCheck.bar_under`; in the frames."""
+        """See :meth:`BalancedBars.bar_under`; in the frames."""
         now = instant_of(times, frames)
         load = balancing_load(now, self._shell, self._loading, self._damping, None, dead)
         felt = self._load_in_frames(now.positions, load)

@@ -42,7 +42,7 @@ class LeveledStepper(Stepper):
     OptionError for contacts of free parts without constraints, and for self-contact.
     """
 
-    takes_contacts = True
+    takes_constraints = takes_contacts = True
 
     def __init__(self, model: Any, levels: Sequence[Level], setup: MotionSetup) -> None:
         super().__init__(model, setup, in_frame=True)

@@ -11,8 +11,9 @@ import numpy as np
 from modalshell.contact.contact import Contact
 from modalshell.contact.layers import Layers
 from modalshell.contact.steps import TouchingSteps
-from modalshell.contact.touching import parted, put_out
+from modalshell.contact.touching import Touching, parted, put_out
 from modalshell.core.errors import OptionError
+from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.full import SDIRK2, FullIntegrator, ImplicitRule
 from modalshell.integrators.full.base import inner_force
@@ -45,6 +46,8 @@ class ContactMotion:
     the shell's own vertices, where they are not those of the setup. OptionError for colliders that move too fast, and
     ``push_out`` or self-contact with explicit rules.
     """
+
+    presses = False
 
     def __init__(
         self,
@@ -177,18 +180,31 @@ class ContactMotion:
             return state
         return MotionState(state.coordinates, state.rates, memory | {PUSHES: self.steps.pushes.copy()})
 
-    def put_out(self, state: MotionState, time: float) -> MotionState:
+    @property
+    def touching(self) -> Touching:
+        """The contacts at the end of the last step."""
+        return self.steps.now
+
+    def frame(self, state: MotionState, positions: Array, time: float) -> TouchedFrame:
+        """What touches in a state at ``time`` [s], whose coordinates are the positions."""
+        return self.steps.frame(state.coordinates, time)
+
+    def energy(self, state: MotionState) -> float:
+        """Energy [J] of the barrier of self-contact in a state."""
+        return self.steps.energy(state.coordinates)
+
+    def entered(self, state: MotionState, time: float) -> MotionState:
         """A state of another motion with what lies inside colliders at ``time`` [s] put onto them."""
         touching = self.steps.now.at(time)
         x = put_out(touching, state.coordinates, np.ones(len(touching.contacts), dtype=bool))
-        return self.unpressed(MotionState(x, state.rates, state.memory))
+        return self.clear(MotionState(x, state.rates, state.memory))
 
-    def unpressed(self, state: MotionState) -> MotionState:
+    def clear(self, state: MotionState) -> MotionState:
         """A state that no contact force has acted on yet: those of a step long ago are not its own."""
         self.steps.pushes = np.zeros_like(self.steps.pushes)
         return self._kept(state)
 
-    def begin(self, state: MotionState, x: Array | None = None) -> MotionState:
-        """A start at x (n, 3) [m], by default its coordinates, refused inside a collider."""
-        self.steps.begin(state.coordinates if x is None else x)
+    def begin(self, state: MotionState, positions: Array) -> MotionState:
+        """A start at its coordinates, which are the positions where supports have brought these."""
+        self.steps.begin(state.coordinates)
         return self._kept(state)

@@ -7,18 +7,17 @@ from typing import Any, final
 
 import numpy as np
 
-from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array
 from modalshell.integrators.full import ImplicitRule
 from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps, steps_of
 from modalshell.integrators.state import MotionState
 from modalshell.models.base.crease_motion import CreaseMotion
-from modalshell.models.base.stepper import Stepper, led_into
+from modalshell.models.base.stepper import ContactStepper
 from modalshell.statics.live_loads import LiveLoads
 
 
 @final
-class FullStepper(Stepper):
+class FullStepper(ContactStepper):
     """Steps that take loads as they change within them, and edges clamped to supports along with these.
 
     In the frame of supports that move, loads are those expected at the end of a step, of explicit rules those at the
@@ -26,13 +25,10 @@ class FullStepper(Stepper):
     """
 
     model: Any
-    takes_contacts = True
+    takes_constraints = True
 
-    @cached_property
-    def contacts(self) -> Any:
-        """What takes the steps with contacts; None without."""
-        if not self.setup.contacts:
-            return None
+    def _moving_contacts(self) -> Any:
+        """What takes the steps with contacts."""
         from modalshell.models.base.contact_motion import ContactMotion  # not without contacts
 
         frame = None if self._frame is None else self.setup.supports
@@ -51,55 +47,28 @@ class FullStepper(Stepper):
 
         Patches begin where positions are.
         """
-        state = super().start(positions)
+        return self._begun(super().start(positions))
+
+    def _at_rest(self, positions: Array | None) -> MotionState:
+        """The same without contacts and creases."""
+        state = super()._at_rest(positions)
         if positions is not None and self._patches:
             x, led = state.coordinates.copy(), np.concatenate([patch.vertices for patch in self._patches])
             x[led] = (positions - self.origin)[led]
             state = self.model.integrator.start(self.model, x)
-        state = state if self._path is None else self.model.placed(state, self._path.at(0.0))
-        return self._begun(state if self.contacts is None else self.contacts.begin(state))
+        return state if self._path is None else self.model.placed(state, self._path.at(0.0))
 
     def _begun(self, state: MotionState) -> MotionState:
         """A start that knows what its creases have kept."""
         kept = self.model.shell.crease_state
         return state if self.creases is None else self.creases.begin(state, kept.angles, kept.dissipated)
 
-    @property
-    def note(self) -> str:
-        """What a message says of the contacts' friction."""
-        return "" if self.contacts is None else self.contacts.note
-
-    def touched(self, state: MotionState, time: float) -> TouchedFrame | None:
-        """What touches in a state at ``time`` [s], with contacts."""
-        if self.contacts is None:
-            return None
-        return self.touched_in_world(self.contacts.steps.frame(state.coordinates, time), time)
-
-    def remark(self, state: MotionState, time: float) -> str:
-        """Message about a state at ``time`` [s]: of the model, or that vertices are led into a collider."""
-        remark = super().remark(state, time)
-        moved = self._path or self._frame
-        if remark or self.contacts is None or not (self._patches or moved):
-            return remark
-        held = np.flatnonzero(self.model.shell.clamped) if moved else np.empty(0, dtype=np.int64)
-        led = np.concatenate([held, *(patch.vertices for patch in self._patches)])
-        inside = self.contacts.steps.now.at(time).inside(state.coordinates, led)
-        return led_into("constraints" if self._patches else "supports", inside)
-
-    def further_energy(self, state: MotionState) -> float:
-        """Energy [J] of the barrier of self-contact in a state."""
-        return 0.0 if self.contacts is None else float(self.contacts.steps.energy(state.coordinates))
-
     def state_at(self, positions: Array, time: float) -> MotionState:
         """State at rest with every vertex at ``positions`` (n, 3) [m] in the world, held ones too."""
         state = super().state_at(positions, time)
         if self._frame is None:
             state.coordinates = positions - self.origin
-        return self._begun(state if self.contacts is None else self.contacts.unpressed(state))
-
-    def outside(self, state: MotionState, time: float) -> MotionState:
-        """A state that another motion's was put into at ``time`` [s], its vertices put out of the colliders."""
-        return state if self.contacts is None else self.contacts.put_out(state, time)
+        return self._begun(state)
 
     def model_at(self, time: float) -> Any:
         """The model with its supports where they are at ``time`` [s]."""
@@ -110,7 +79,7 @@ class FullStepper(Stepper):
         rule, creases = self.model.integrator, self.creases
         if creases is None:
             return self._advanced(self.model, begin, dt, state, load)
-        if self.contacts is None and isinstance(rule, ImplicitRule):
+        if self._contacts is None and isinstance(rule, ImplicitRule):
             return creases.advance(self.model, partial(self._at, begin, dt, load=load), state, dt)
         after, solved = self._advanced(self.model.as_creased(state), begin, dt, state, load)
         return creases.after(self.model_at(begin + dt), state, after), solved
@@ -124,8 +93,8 @@ class FullStepper(Stepper):
         def at(start: EulerStart) -> tuple[Any, Array, Array | None]:
             return self._at(begin, dt, start, load, model=model)
 
-        if self.contacts is not None and isinstance(rule, ImplicitRule):
-            return self.contacts.advance(model, at, begin, dt, state)
+        if self._contacts is not None and isinstance(rule, ImplicitRule):
+            return self._contacts.advance(model, at, begin, dt, state)
         if isinstance(rule, ImplicitRule):
             steps = ShellSteps(model, at, damping)
             return rule.march(steps_of(steps, model.free_parts, damping), state, dt)
@@ -133,8 +102,8 @@ class FullStepper(Stepper):
         whole = EulerStart(x, rates, dt, 1.0, rates, x, 0.0, x)
         body, load, held = self._at(begin, dt, whole, load, explicit=not rule.takes_live, model=model)
         after, solved = rule.step(body, state, dt, load, damping, held)
-        if self.contacts is not None:
-            after, outside = self.contacts.after_explicit(body, x, after, begin + dt, dt)
+        if self._contacts is not None:
+            after, outside = self._contacts.after_explicit(body, x, after, begin + dt, dt)
             return after, solved and outside
         return after, solved
 

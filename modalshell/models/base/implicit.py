@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import Any, ClassVar, Self, final
+from typing import Any, Self, final
 
 import numpy as np
 
@@ -55,8 +55,8 @@ class ImplicitModel(FrameModel):
     """A model with states in the frame of its supports; its integrator makes steps of those of implicit Euler."""
 
     integrator: ImplicitRule
-    pressed_in: ClassVar[bool] = False
-    """Whether its contacts press displacements in beyond its own unknowns."""
+    free_parts: Floating | None = None
+    """Parts that nothing holds, of a model that takes such shells and has no frames for them."""
 
     def stepped_by(self, integrator: str | FullIntegrator) -> Self:
         """The same model, and what it hands over to, with another implicit rule of its steps."""
@@ -66,11 +66,6 @@ class ImplicitModel(FrameModel):
             if isinstance(part, ImplicitModel):
                 setattr(other, name, part.stepped_by(integrator))
         return other
-
-    @property
-    def free_parts(self) -> Floating | None:
-        """Parts that nothing holds, of a model that takes such shells."""
-        return None
 
     def contact_motion(self, setup: MotionSetup, origin: Array) -> Any:
         """What takes the steps of a motion with contacts about ``origin`` (3,) [m], of models that take these."""
@@ -107,16 +102,29 @@ class ImplicitModel(FrameModel):
 
     def stepper(self, setup: MotionSetup) -> Stepper:
         """What takes the steps of one motion; see :meth:`Model.stepper`."""
-        return ImplicitStepper(self, setup.felt_by(self.integrator))
+        return ImplicitStepper(self, setup.felt_by(self.integrator), in_frame=True)
+
+
+class AskedSteps(LoadedSteps):
+    """Steps of implicit Euler of a model, under loads that are asked for where they are needed."""
+
+    def __init__(self, model: Any, load_at: LoadAt, damping: Damping) -> None:
+        self._model, self._load_at, self._damping = model, load_at, damping
+        self._load: Array | None = None
+
+    def turn(self, coordinates: Array, move: Array) -> float:
+        """Largest rotation [rad] of a vertex by a small ``move`` of the coordinates."""
+        return self._model.turn(coordinates, move)
+
+    def load_on(self, x: Array) -> Array:
+        """Load (n, 3) [N] of the last step."""
+        assert self._load is not None
+        return self._load
 
 
 @final
-class ModelSteps(LoadedSteps):
-    """Steps of implicit Euler of a model."""
-
-    def __init__(self, model: ImplicitModel, load_at: LoadAt, damping: Damping) -> None:
-        self._model, self._load_at, self._damping = model, load_at, damping
-        self._load: Array | None = None
+class ModelSteps(AskedSteps):
+    """Those of the model's own equations."""
 
     def solve(self, start: EulerStart) -> tuple[MotionState, bool]:
         """State at the end, and whether its equations were solved."""
@@ -137,15 +145,6 @@ class ModelSteps(LoadedSteps):
         coordinates, solved = model.euler_step(start, self._load, self._damping)
         return start.after(coordinates), solved
 
-    def turn(self, coordinates: Array, move: Array) -> float:
-        """Largest rotation [rad] of a vertex by a small ``move`` of the coordinates."""
-        return self._model.turn(coordinates, move)
-
-    def load_on(self, x: Array) -> Array:
-        """Load (n, 3) [N] of the last step."""
-        assert self._load is not None
-        return self._load
-
 
 @final
 class ImplicitStepper(ContactStepper):
@@ -153,25 +152,9 @@ class ImplicitStepper(ContactStepper):
 
     model: ImplicitModel
 
-    def __init__(self, model: ImplicitModel, setup: MotionSetup) -> None:
-        if setup.constraints:
-            raise model.no_constraints()
-        super().__init__(model, setup, in_frame=True)
-        if setup.contacts:
-            self._contacts, self._presses = self.model.contact_motion(setup, self.origin), self.model.pressed_in
-
-    def start(self, positions: Array | None) -> MotionState:
-        """State at rest, with contacts refused inside a collider."""
-        state = super().start(positions)
-        if self._contacts is None:
-            return state
-        own = self.model.shell.rest_positions if positions is None else positions - self.origin
-        return self._contacts.begin(state, own)
-
-    @property
-    def note(self) -> str:
-        """What a message says of the contacts."""
-        return "" if self._contacts is None else self._contacts.note
+    def _moving_contacts(self) -> Any:
+        """What takes the steps with contacts."""
+        return self.model.contact_motion(self.setup, self.origin)
 
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the model's rule."""

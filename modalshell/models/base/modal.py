@@ -235,6 +235,7 @@ class ModalStepper(ContactStepper):
     """Steps under loads at few points where these serve, and onto constraints."""
 
     model: ModalModel
+    takes_constraints = True
     _steady: Array | None = None
     """Dead load (n, 3) [N] under which the last pressed step ended, if no other force changes in time."""
     _seen: Array | None = None
@@ -243,14 +244,6 @@ class ModalStepper(ContactStepper):
 
     def __init__(self, model: ModalModel, setup: MotionSetup) -> None:
         super().__init__(model, setup, in_frame=True)
-        if setup.contacts:
-            from modalshell.models.base.free_contact import FreeContactMotion  # not without contacts
-            from modalshell.models.base.modal_contact import ModalContactMotion
-
-            motion = ModalContactMotion if model.frames is None else FreeContactMotion
-            self._contacts, self._presses = motion(model, setup), True
-            if setup.constraints:
-                self._contacts.lead(self._targets)
         # Points serve warps about supports that rest, not frames that fly.
         still = setup.supports is None and self.model.frames is None
         self._quadrature = self.model.load_quadrature(setup.loading) if still else None
@@ -259,28 +252,31 @@ class ModalStepper(ContactStepper):
         if isinstance(model.integrator, ImplicitEuler):
             self._lead = 1.0  # its velocities are the moves of the vertices over a step
 
+    def _moving_contacts(self) -> Any:
+        """What follows steps with contacts."""
+        from modalshell.models.base.free_contact import FreeContactMotion  # not without contacts
+        from modalshell.models.base.modal_contact import ModalContactMotion
+
+        motion = ModalContactMotion if self.model.frames is None else FreeContactMotion
+        contacts = motion(self.model, self.setup)
+        if self.setup.constraints:
+            contacts.lead(self._targets)
+        return contacts
+
     def start(self, positions: Array | None) -> MotionState:
         """State at rest at ``positions`` (n, 3) [m], as near as its shapes come, refused inside a collider."""
         state = super().start(positions)
-        if self._contacts is not None:
-            state = self._contacts.begin(state, None if positions is None else positions - self.origin)
         return begun(self.model, state) if self.setup.constraints else state
-
-    @property
-    def note(self) -> str:
-        """What a message says of the contacts' friction."""
-        return "" if self._contacts is None else str(self._contacts.note)
 
     def state_at(self, positions: Array, time: float) -> MotionState:
         """State at rest with every vertex at ``positions`` (n, 3) [m], as far as the model can."""
         state = super().state_at(positions, time)
-        state = state if self._contacts is None else self._contacts.clear(state)
         return begun(self.model, state) if self.setup.constraints else state
 
     def outside(self, state: MotionState, time: float) -> MotionState:
         """A state that another motion's was put into at ``time`` [s], pressed out of the colliders."""
         self._steady = None
-        return state if self._contacts is None else self._contacts.entered(state, time)
+        return super().outside(state, time)
 
     def load_work(self, load: Array, state: MotionState) -> float:
         """Work [J] of a dead load (n, 3) [N] from rest to a state, by its coordinates where these tell it at once."""

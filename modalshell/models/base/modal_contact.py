@@ -353,11 +353,6 @@ class ModalContactMotion(ModalPressedMotion):
             memory[REST], memory[REST_PUSHES] = pressed.q, pressed.pushes
         return memory
 
-    def entered(self, state: MotionState, time: float) -> MotionState:
-        """A state at ``time`` [s] that is not of this motion, with its shape led out of the colliders as at rest."""
-        self._pressing.at(time)
-        return self.pressed(state)
-
     def follow(
         self, before: MotionState, felt: Felt, when: tuple[float, float], gaps: Array | None, base: Array
     ) -> tuple[MotionState, bool, Array | None]:

@@ -110,12 +110,7 @@ class Model(ABC):
         wanted, touching = checked_constraints(constraints, self.shell.unknowns), given_contacts(contacts, self.shell)
         if checked_kind("bar", bar, bool):
             check_bar(self.true_shell, constraints=wanted, contacts=touching)
-        if touching:
-            found = self._solve_touching(loading, begin, touching, wanted)
-        elif wanted:
-            found = self._solve_constrained(loading, begin, wanted)
-        else:
-            found = self._solve_untouched(loading, begin)
+        found = self.solved(loading, begin, touching, wanted)
         if not loading.conservative:
             message = "; ".join(part for part in (found.message, NO_POTENTIAL) if part)
             found = replace(found, conservative=False, message=message)
@@ -139,8 +134,18 @@ class Model(ABC):
     def _solve(self, load: Array, start: Array | None) -> Equilibrium:
         """Static answer to a load (n, 3) [N] from ``start`` (n, 3) [m], checked; its seconds are filled in later."""
 
-    def _solve_untouched(self, loading: Loading, start: Array | None) -> Equilibrium:
-        """Static answer to any load, without constraints or contacts."""
+    def solved(
+        self,
+        loading: Loading,
+        start: Array | None,
+        contacts: Sequence[Contact] = (),
+        constraints: Sequence[Constraint] = (),
+    ) -> Equilibrium:
+        """The model's own answer, all being checked; whether loads are beyond its range, which is dear, is not said."""
+        if contacts:
+            return self._solve_touching(loading, start, contacts, constraints)
+        if constraints:
+            return self._solve_constrained(loading, start, constraints)
         return self._solve_live(loading, start) if loading.live else self._solve(loading.dead, start)
 
     def _solve_live(self, loading: Loading, start: Array | None) -> Equilibrium:

@@ -38,6 +38,8 @@ class PressedMotion(ABC):
     OptionError for contacts that the model cannot take, and colliders that move too fast.
     """
 
+    note = ""
+    presses = True
     holds = True
     """Whether the supports hold the shell."""
 
@@ -62,16 +64,15 @@ class PressedMotion(ABC):
         """The contacts at the time that was looked at last."""
         return self._pressing.touching
 
-    def begin(self, state: MotionState, positions: Array | None = None) -> MotionState:
+    def begin(self, state: MotionState, positions: Array) -> MotionState:
         """A start, refused inside a collider; so are its ``positions`` (n, 3) [m], if the modes do not hold these.
 
         Of positions outside, what the modes lack is pressed in: such are a model's own answers with contacts.
         """
         touching, begun = self._pressing.touching, self.clear(state)
-        if positions is not None:
-            touching.refuse_inside(positions)
-            if self.holds and touching.inside(self._model.positions(state), touching.vertices):
-                begun = self._pressed_to(positions, self.pressed(state, _STIFF))
+        touching.refuse_inside(positions)
+        if self.holds and touching.inside(self._model.positions(state), touching.vertices):
+            begun = self._pressed_to(positions, self.pressed(state, _STIFF))
         touching.refuse_inside(self._model.positions(begun) + self.local(begun))
         return begun
 
@@ -109,6 +110,11 @@ class PressedMotion(ABC):
         found = pressing.press(q, softness / self._model.basis.eigenvalues, (q, q, base), gaps, kept)
         taken = {TAKEN: found.at} if TAKEN in memory and found.at is not None else {}
         return MotionState(found.q, state.rates, memory | self._memory(found) | taken)
+
+    def entered(self, state: MotionState, time: float) -> MotionState:
+        """A state at ``time`` [s] that is not of this motion, with its shape led out of the colliders as at rest."""
+        self._pressing.at(time)
+        return self.pressed(state)
 
     def clear(self, state: MotionState) -> MotionState:
         """The end of a step that nothing touches."""

@@ -48,12 +48,15 @@ class Stepper(ABC):
     ``residuals`` (k,) are what is left to each constraint's target, [m] or [rad].
     """
 
+    takes_constraints: ClassVar[bool] = False
     takes_contacts: ClassVar[bool] = False
-    """Whether it takes steps with contacts."""
+    """Whether it takes steps under constraints, and with contacts."""
 
     def __init__(
         self, model: Moving, setup: MotionSetup, patches: Sequence[HeldPatch] = (), *, in_frame: bool = False
     ) -> None:
+        if setup.constraints and not self.takes_constraints:
+            raise model.no_constraints()
         if setup.contacts and not self.takes_contacts:
             raise model.no_contacts()
         self.shell, self.setup = model.shell, setup
@@ -135,10 +138,6 @@ class Stepper(ABC):
     def took_part(self, state: MotionState, time: float, dt: float, begin: float) -> None:  # noqa: B027
         """Take note of the end at ``time`` [s] of a part, ``dt`` [s] long, of the step that began at ``begin`` [s]."""
 
-    def touched_in_world(self, found: TouchedFrame, time: float) -> TouchedFrame:
-        """What touches, of forces in the frame of the states at ``time`` [s]."""
-        return found if self._frame is None else found._replace(forces=found.forces @ self._frame.at(time).rotation.T)
-
     def remark(self, state: MotionState, time: float) -> str:
         """Message about a state at ``time`` [s]; "" if there is none."""
         return str(self.model.remark(state))
@@ -213,19 +212,48 @@ class Stepper(ABC):
         return placed[shell.clamped]
 
 
-def led_into(who: str, inside: Sequence[int]) -> str:
-    """That ``who``, constraints or supports, lead vertices into colliders of the contacts ``inside``; "" of none."""
-    return f"{who} lead vertices into contact {inside[0]}, which does not push on these" if inside else ""
-
-
 class ContactStepper(Stepper):
-    """Steps with contacts, which may press vertices in beyond what the model's own coordinates give."""
+    """Steps with contacts, which may press vertices in beyond what the model's own coordinates give.
+
+    What takes them is asked to ``begin`` a motion, to ``clear`` a state of contact forces, to put out of the colliders
+    one that has ``entered`` from another motion, and what touches in a ``frame``.
+    """
 
     takes_contacts = True
-    _contacts: Any = None
-    _presses = False
     _given: tuple[float, Array | float] = -np.inf, 0.0
     """When the last step began that was taken in parts [s], and the impulses (n, 3) [N s] of the colliders in it."""
+
+    def __init__(
+        self, model: Moving, setup: MotionSetup, patches: Sequence[HeldPatch] = (), *, in_frame: bool = False
+    ) -> None:
+        super().__init__(model, setup, patches, in_frame=in_frame)
+        self._contacts: Any = self._moving_contacts() if setup.contacts else None
+        self._presses = self._contacts is not None and self._contacts.presses
+
+    @abstractmethod
+    def _moving_contacts(self) -> Any:
+        """What takes the steps with contacts; OptionError where the model cannot take these."""
+
+    def start(self, positions: Array | None) -> MotionState:
+        """State at rest at ``positions`` (n, 3) [m], as near as the model comes, refused inside a collider."""
+        state = self._at_rest(positions)
+        if self._contacts is None:
+            return state
+        own = self.model.shell.rest_positions if positions is None else positions - self.origin
+        return self._contacts.begin(state, own)
+
+    def _at_rest(self, positions: Array | None) -> MotionState:
+        """The same without contacts."""
+        return super().start(positions)
+
+    def state_at(self, positions: Array, time: float) -> MotionState:
+        """State at rest with every vertex at ``positions`` (n, 3) [m] in the world, as far as the model can."""
+        state = super().state_at(positions, time)
+        return state if self._contacts is None else self._contacts.clear(state)
+
+    def outside(self, state: MotionState, time: float) -> MotionState:
+        """A state that another motion's was put into at ``time`` [s], out of the colliders."""
+        return state if self._contacts is None else self._contacts.entered(state, time)
 
     def own_positions(self, state: MotionState) -> Array:
         """Positions (n, 3) [m] in the frame of the states, with what contacts press in."""
@@ -236,21 +264,29 @@ class ContactStepper(Stepper):
         """Positions (n, 3) [m] in the frame of the states, without what contacts press in."""
         return super().own_positions(state)
 
-    def remark(self, state: MotionState, time: float) -> str:
-        """Message about a state at ``time`` [s]: of the model, or that supports lead vertices into a collider."""
-        remark = super().remark(state, time)
-        if remark or self._contacts is None or self._frame is None:
-            return remark
-        held = np.flatnonzero(self.shell.clamped)
-        return led_into("supports", self._contacts.touching.at(time).inside(self.own_positions(state), held))
-
     def velocities(self, state: MotionState, lead: float) -> Array:
         """Velocities (n, 3) [m/s] of a state, without those of what contacts press in."""
         return np.asarray(self.model.velocities(state, self.loaded_positions(state), lead))
 
     def further_energy(self, state: MotionState) -> float:
-        """Elastic energy [J] of what contacts press in."""
-        return float(self._contacts.energy(state)) if self._presses else 0.0
+        """Elastic energy [J] of what contacts press in, and of the barrier of self-contact."""
+        return 0.0 if self._contacts is None else float(self._contacts.energy(state))
+
+    @property
+    def note(self) -> str:
+        """What a message says of the contacts' friction."""
+        return "" if self._contacts is None else str(self._contacts.note)
+
+    def remark(self, state: MotionState, time: float) -> str:
+        """Message about a state at ``time`` [s]: of the model, or that vertices are led into a collider."""
+        remark, moved = super().remark(state, time), self._path or self._frame
+        if remark or self._contacts is None or not (self._patches or moved):
+            return remark
+        held = np.flatnonzero(self.shell.clamped) if moved else np.empty(0, dtype=np.int64)
+        led = np.concatenate([held, *(patch.vertices for patch in self._patches)])
+        inside = self._contacts.touching.at(time).inside(self.own_positions(state), led)
+        who = "constraints" if self._patches else "supports"
+        return f"{who} lead vertices into contact {inside[0]}, which does not push on these" if inside else ""
 
     def touched(self, state: MotionState, time: float) -> TouchedFrame | None:
         """What touches in a state at ``time`` [s], with contacts."""
@@ -270,17 +306,13 @@ class ContactStepper(Stepper):
         """What touches in a state at ``time`` [s], with forces of the last part of its step."""
         if self._contacts is None:
             return None
-        return self.touched_in_world(self._contacts.frame(state, self.own_positions(state), time), time)
+        found = self._contacts.frame(state, self.own_positions(state), time)
+        return found if self._frame is None else found._replace(forces=found.forces @ self._frame.at(time).rotation.T)
 
 
 @final
 class DeadLoadStepper(Stepper):
     """Steps under loads at the time of the middle of each, where the shell is at its beginning; without constraints."""
-
-    def __init__(self, model: Moving, setup: MotionSetup, *, in_frame: bool = False) -> None:
-        if setup.constraints:
-            raise model.no_constraints()
-        super().__init__(model, setup, in_frame=in_frame)
 
     def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the model."""

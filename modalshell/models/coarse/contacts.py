@@ -96,19 +96,16 @@ class CoarseContactMotion:
     ``model``, coarse DS or the hybrid, is about ``origin`` (3,) [m] in the world.
     """
 
+    presses = False
+
     def __init__(self, model: Any, setup: MotionSetup, origin: Array) -> None:
         given = checked_contacts(setup.contacts, setup.supports)
         self._model, self._setup, self._under = model, setup, model.on_coarse
-        self._fine = Touching(given, model.shell, origin)
+        self.touching = Touching(given, model.shell, origin)
         self._led = np.array([not contact.push_out for contact in given])
         coarse = self._under.coarse.shell
         own = self._under.coarse_contacts(given)
         self._motion = ContactMotion(model.integrator, setup, coarse, origin, contacts=own)
-
-    @property
-    def touching(self) -> Touching:
-        """The contacts of the fine vertices."""
-        return self._fine
 
     @property
     def note(self) -> str:
@@ -117,12 +114,22 @@ class CoarseContactMotion:
 
     def begin(self, state: MotionState, positions: Array) -> MotionState:
         """A start at ``positions`` (n, 3) [m], refused inside a collider; coarse vertices that are in are put out."""
-        self._fine.refuse_inside(positions)
+        self.touching.refuse_inside(positions)
+        begun = self.entered(state, 0.0)
+        self._motion.steps.begin(self._model.as_coarse(begun).coordinates)
+        return begun
+
+    def entered(self, state: MotionState, time: float) -> MotionState:
+        """A state at ``time`` [s] that is not of this motion, its coarse vertices put out of the colliders."""
         coarse = self._model.as_coarse(state)
-        placed = put_out(self._motion.steps.now, coarse.coordinates, self._led)
+        placed = put_out(self._motion.steps.now.at(time), coarse.coordinates, self._led)
         if not np.array_equal(placed, coarse.coordinates):
             state = MotionState(placed, coarse.rates, coarse.memory)
-        return self._marked(self._motion.begin(state, placed), pressed=False)
+        return self.clear(state)
+
+    def clear(self, state: MotionState) -> MotionState:
+        """A state that no contact force has acted on yet."""
+        return self._marked(self._motion.clear(state), pressed=False)
 
     def advance(self, begin: float, dt: float, state: MotionState, load_at: LoadAt) -> tuple[MotionState, bool]:
         """The state a step of ``dt`` [s] after ``state``, that at ``begin`` [s]; and whether it was solved."""
@@ -146,9 +153,13 @@ class CoarseContactMotion:
     def _marked(state: MotionState, *, pressed: bool) -> MotionState:
         return MotionState(state.coordinates, state.rates, state.memory | {PRESSED: np.full((1, 1), float(pressed))})
 
+    def energy(self, state: MotionState) -> float:
+        """None [J] but the model's own."""
+        return 0.0
+
     def frame(self, state: MotionState, positions: Array, time: float) -> TouchedFrame:
         """What touches in a state whose fine vertices are at ``positions`` (n, 3) [m], at ``time`` [s]."""
         found = self._motion.steps.frame(self._model.as_coarse(state).coordinates, time)
-        deepest = max(0.0, -float(self._fine.at(time).distances(positions).min(initial=0.0)))
+        deepest = max(0.0, -float(self.touching.at(time).distances(positions).min(initial=0.0)))
         forces, touches = self._under.spread(found.forces, found.touches)
         return TouchedFrame(forces, touches, deepest)

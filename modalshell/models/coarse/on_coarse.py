@@ -7,7 +7,6 @@ from typing import Any
 
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
-from modalshell.integrators.state import MotionState
 from modalshell.models.base.implicit import ImplicitModel
 from modalshell.models.base.setup import MotionSetup
 
@@ -19,10 +18,6 @@ class OnCoarse(ImplicitModel):
     @abstractmethod
     def on_coarse(self) -> Any:
         """The :class:`CoarseDiscreteShell` that bears contacts."""
-
-    @abstractmethod
-    def as_coarse(self, state: MotionState) -> MotionState:
-        """A state in positions (k, 3) [m] of the coarse vertices."""
 
     def contact_motion(self, setup: MotionSetup, origin: Array) -> Any:
         """What takes the steps of a motion with contacts: those that contacts press on are the coarse shell's."""

@@ -20,11 +20,11 @@ from modalshell.contact.touching import checked_contacts, touched_frame
 from modalshell.core.errors import OptionError
 from modalshell.core.touched import TouchedFrame
 from modalshell.core.typing import Array, Index
-from modalshell.integrators.full.implicit_rule import EulerStart, LoadedSteps
+from modalshell.integrators.full.implicit_rule import EulerStart
 from modalshell.integrators.state import PUSHES, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.implicit import LoadAt
+from modalshell.models.base.implicit import AskedSteps, LoadAt
 from modalshell.models.base.pressed_motion import LOCAL, PressedMotion
 from modalshell.models.base.settle import self_consistent
 from modalshell.models.base.setup import MotionSetup
@@ -203,7 +203,7 @@ def _stable(problem: Any, pressing: ModalContacts, pressed: Pressed) -> bool:
 
 
 @final
-class _PressedSteps(LoadedSteps):
+class _PressedSteps(AskedSteps):
     """Steps of implicit Euler of a model that contacts press on, within one that begins at ``when`` [s], of a length.
 
     ``given`` (n, 3) [N s] are the impulses of the colliders so far, and ``stays`` whether what they push on is what
@@ -220,19 +220,19 @@ class _PressedSteps(LoadedSteps):
         *,
         must: bool = False,
     ) -> None:
-        self._model, self._load_at, self._when, self._must = model, load_at, when, must
-        self._pressing, self._damping, self._goal = motion
+        self._pressing, damping, self._goal = motion
+        super().__init__(model, load_at, damping)
+        self._when, self._must = when, must
         self.pressed, self.given = begin, np.zeros_like(begin.local)
         self._was, self.stays = begin.pushes > 0.0, True
-        self._load = np.empty(0)
 
     def solve(self, start: EulerStart) -> tuple[MotionState, bool]:
         """State at the end, and whether its equations were solved."""
-        (self._load, drag), model, fall = self._load_at(start), self._model, None
+        (load, drag), model, fall = self._load_at(start), self._model, None
         if drag is not None:
             rows = model.rows(drag[0])
             fall = np.tensordot(rows, drag[1] @ rows, ((0, 1), (0, 1)))
-        push = self._load.ravel() @ model.basis.vectors
+        push = load.ravel() @ model.basis.vectors
         problem, scale = model.step_problem(start, push, self._damping, fall)
         guess, (begin_at, whole) = start.origin + start.dt * start.rates, self._when
         self._pressing.at(begin_at + start.end * whole)
@@ -246,16 +246,9 @@ class _PressedSteps(LoadedSteps):
         after = start.after(found.pressed.q)
         if drag is not None:
             lost = drag[1] @ (rows @ (after.rates - start.expected_rates))[:, :, None]
-            np.subtract.at(self._load, drag[0], lost[:, :, 0])
+            np.subtract.at(load, drag[0], lost[:, :, 0])
+        self._load = load
         return after, found.solved and (self.stays or not self._must)
-
-    def turn(self, coordinates: Array, move: Array) -> float:
-        """Largest rotation [rad] of a vertex by a small ``move`` of the coordinates."""
-        return float(self._model.turn(coordinates, move))
-
-    def load_on(self, x: Array) -> Array:
-        """Load (n, 3) [N] of the last step."""
-        return self._load
 
 
 @final
@@ -267,7 +260,6 @@ class ReducedContactMotion(PressedMotion):
     the colliders. ``goal`` is the residual of a step.
     """
 
-    note = ""
     _mean: tuple[Array | None, Array | float] = None, 0.0  # coordinates where a step ended, and forces (n, 3) [N] in it
 
     def frame(self, state: MotionState, positions: Array, time: float) -> TouchedFrame:

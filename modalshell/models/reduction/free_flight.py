@@ -11,10 +11,10 @@ from modalshell.core.cost import count_read
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.integrators.free_parts import axial, inertia_of, left_jacobian, turn_of, vector_of
-from modalshell.integrators.full.implicit_rule import EulerStart, EulerSteps, LoadedSteps, steps_of
+from modalshell.integrators.full.implicit_rule import EulerStart, EulerSteps, steps_of
 from modalshell.integrators.state import MotionState
 from modalshell.models.base.free_frames import FreeFrames
-from modalshell.models.base.implicit import LoadAt, ModelSteps
+from modalshell.models.base.implicit import AskedSteps, LoadAt, ModelSteps
 from modalshell.models.base.stepper import LEAD
 from modalshell.modes.rigid import left_free, rigid_share
 from modalshell.shell import Shell
@@ -203,7 +203,7 @@ class ReducedFlight:
 
 
 @final
-class FlyingSteps(LoadedSteps):
+class FlyingSteps(AskedSteps):
     """Steps of implicit Euler of z in the frames, within one step of a rule; loads are those expected at their ends.
 
     Rotation vectors of frames are no straight coordinates: where a frame is at an end follows from the rule's beginning
@@ -211,9 +211,8 @@ class FlyingSteps(LoadedSteps):
     """
 
     def __init__(self, model: Any, begin: tuple[MotionState, float], load_at: LoadAt, damping: Damping) -> None:
-        self._model, self._flight, self._load_at, self._damping = model, model.flight, load_at, damping
-        self._begin, self._dt = begin
-        self._load: Array | None = None
+        super().__init__(model, load_at, damping)
+        self._flight, (self._begin, self._dt) = model.flight, begin
 
     def solve(self, start: EulerStart) -> tuple[MotionState, bool]:
         """State at the end, and whether its equations were solved."""
@@ -264,9 +263,4 @@ class FlyingSteps(LoadedSteps):
 
     def turn(self, coordinates: Array, move: Array) -> float:
         """Largest rotation [rad] of a vertex in its frame by a small ``move`` of the coordinates."""
-        return float(self._model.turn(coordinates[self._flight.count :], move[self._flight.count :]))
-
-    def load_on(self, x: Array) -> Array:
-        """Load (n, 3) [N] of the last step."""
-        assert self._load is not None
-        return self._load
+        return super().turn(coordinates[self._flight.count :], move[self._flight.count :])
