@@ -232,8 +232,8 @@ def located(file: Path, path: str, table: msgspec.Struct, contacts: Sequence[Any
             with_collider = [place for place, one in enumerate(contacts) if hasattr(one, "collider")]
             place, rest = f"contacts[{with_collider[int(numbered[1])]}]", str(error)[numbered.end() :]
             raise SceneError(f"{file}: {place}: the contact {rest}") from error
-        named = getattr(table, "file", None)
-        if isinstance(named, str) and str(error).partition(": ")[0].endswith(named):
+        named, said = getattr(table, "file", None), str(error)
+        if isinstance(named, str) and (said.startswith(f"{named} ") or said.partition(": ")[0].endswith(named)):
             raise SceneError(f"{file}: {path}.file: {error}") from error
         name, _, rest = str(error).partition(" ")  # most messages begin with the parameter, or an entry of it
         parameter, bracket, index = name.partition("[")

@@ -277,7 +277,7 @@ def test_what_is_not_allowed_is_refused_at_its_path(load, old, new, message):
         ("[12, 4]", "[12, 4]\nlength = -1", "mesh.length: must be a finite number above 0"),
         ("[12, 4]", '[12, 4]\nfamily = "x"', "mesh.family: must be one of 'alternating'"),
         ('shape = "v_beam"\ncells = [12, 4]', 'file = "no.obj"', "mesh.file: "),
-        ('shape = "v_beam"\ncells = [12, 4]', 'file = "meshes/no.obj"', "mesh.file: meshes/no.obj"),
+        ('shape = "v_beam"\ncells = [12, 4]', 'file = "meshes/leav.obj"', "mesh.file: meshes/leav.obj is "),
         ("stretch = 20.0", "stretch = -900", "material.stretch: -900 N/m makes triangle"),
         ('"x < 0.1"', '"x < "', "supports.clamped: cannot read the selection 'x < ': invalid syntax; allowed"),
         ('"x < 0.1"', '"x < -9"', "supports.clamped: selects no vertex (got 'x < -9'); the mesh reaches from"),
