@@ -138,7 +138,7 @@ class Moved(Table, frozen=True):
 
 
 class Path(Moved, frozen=True, tag_field="kind", tag="path"):
-    """``[[supports]]`` of ``kind = "path"``: keyframes of the path along which all supports move, at rest at both ends."""
+    """``[[supports]]`` of ``kind = "path"``: keyframes along which all supports move, at rest at both ends."""
 
 
 class SupportList(Table, frozen=True):
