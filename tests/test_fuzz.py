@@ -231,7 +231,7 @@ def shared_scratch(monkeypatch):
 
 
 def loose_parts_unseen(monkeypatch):
-    monkeypatch.setattr(sys.modules["modalshell.modes.basis"], "loose_parts_fault", lambda *_: "")
+    monkeypatch.setattr(sys.modules["modalshell.modes.basis"], "loose_parts_fault", lambda *_, **__: "")
 
 
 def memory_error_escapes(monkeypatch):

@@ -376,6 +376,8 @@ def modes(
     for k, frequency in enumerate(basis.frequencies):
         table.add_row(str(k + 1), f"{frequency:.6g}", "rigid" if k < basis.rigid_modes else "elastic")
     CONSOLE.print(table)
+    if basis.rigid_modes == basis.count:
+        say(f"{mesh}: rigid motions alone: clamp it (--clamp), or ask for more (--count {basis.count + 8})")
     basis.save(out / f"{mesh.stem}_basis.npz")
     say(out / f"{mesh.stem}_basis.npz")
     say(basis.plot().save(out / f"{mesh.stem}_modes.png"))

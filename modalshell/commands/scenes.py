@@ -27,6 +27,9 @@ from modalshell.viewer import attach as follow_run
 from modalshell.viewer import open_window, serve_page, take_picture
 
 _AXES = ("x", "y", "z")
+_WITHOUT_ANSWER = (ms.Outcome.REFUSED, ms.Outcome.FAILED)
+_REASONS = 3
+"""Reasons of cases without an answer that a sweep prints; all are in its table."""
 _KEYS = ("positions", "factors", "frequencies")
 
 
@@ -119,7 +122,7 @@ def run(
     """
     with progress(f"{scene.stem} steps") as on_step:
         result = ms.run_scene(scene, out=out, color=color, restart=restart, on_step=on_step)
-    say(f"{scene.stem}: {result.summary}", *result.files, sep="\n")
+    say(f"{result.files[0].stem}: {result.summary}", *result.files, sep="\n")
     end_with(result.outcome)
 
 
@@ -193,6 +196,9 @@ def sweep(
     ready = f"{result.computed} computed now, {result.stored} from before"
     ready += ", references included" if result.computed + result.stored > len(result.rows) else ""
     say(f"{file.stem}: {len(result.rows)} cases, {counts}; {ready}")
+    reasons = {str(row["message"]): row for row in reversed(result.rows) if row["outcome"] in _WITHOUT_ANSWER}
+    for message, row in list(reversed(reasons.items()))[:_REASONS]:
+        say(f"case {row['case']}, {row['outcome']}: {message}")
     say(*([result.note] if result.note else []), *result.files, sep="\n")
     end_with(*result.counts())
 

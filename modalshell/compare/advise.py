@@ -219,11 +219,11 @@ def advise(
     Raises
     ------
     OptionError
-        If ``error`` or ``fps`` is not above 0, and as :func:`modalshell.tradeoff` does.
+        If ``error`` is not above 0 and at most 1, or ``fps`` not above 0, and as :func:`modalshell.tradeoff` does.
     SolverError
         As :func:`modalshell.tradeoff` does.
     """
-    wanted = checked_number("error", error, above=0.0)
+    wanted = checked_number("error", error, above=0.0, at_most=1.0)
     rate = checked_number("fps", fps, above=0.0, unit="1/s")
     measured = tradeoff(scene, gravity=gravity, force=force, coarse=coarse, modes=modes, loads=loads, on_step=on_step)
     return choose(measured, wanted, rate)

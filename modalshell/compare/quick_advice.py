@@ -118,10 +118,10 @@ def quick_advice(
     Raises
     ------
     OptionError
-        If ``error`` is not above 0, and as :func:`modalshell.tradeoff` does.
+        If ``error`` is not above 0 and at most 1, and as :func:`modalshell.tradeoff` does.
     """
     checked_callback("on_step", on_step)
-    wanted = checked_number("error", error, above=0.0)
+    wanted = checked_number("error", error, above=0.0, at_most=1.0)
     case = make_case(scene, gravity, force, ())
     factors = checked_factors(loads)
     factory, rows = case_factory(case), list[BarRow]()

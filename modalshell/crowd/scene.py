@@ -193,6 +193,9 @@ class FlockScene(Scene):
         earth = (0.0, 0.0, -self.unit_system.earth)
         gravity = self.loads.gravity if self.loads and self.loads.gravity else earth
         basis = model_basis(shell, self.model.options["modes"])
+        if basis.rigid_modes:
+            fault = "a boid carries its bird by the supports, which do not hold this one"
+            raise SceneError(f"{self.file}: supports: {fault}: clamp its body")
         with located(self.file, "flock", self.flock):
             return self.flock.build(basis, gravity, self.motion.damping, self.output.positions)
 

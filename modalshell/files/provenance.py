@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import difflib
 import importlib
 import os
 import platform
@@ -30,10 +31,14 @@ def run_record(parameters: dict[str, Any], seed: int = 0) -> dict[str, Any]:
 
 def repository_file(name: str) -> Path:
     """Path of a file such as ``meshes/creature.ply``, in a checkout or in an installed copy; else FileFormatError."""
-    for root in (_PACKAGE.parent, _PACKAGE / "bundled"):
+    roots = _PACKAGE.parent, _PACKAGE / "bundled"
+    for root in roots:
         if (root / name).is_file():
             return root / name
-    raise FileFormatError(f"{name} is neither in the checkout nor in the installed package; reinstall modalshell")
+    beside = [file.name for root in roots for file in (root / name).parent.glob("*.*")]
+    near = difflib.get_close_matches(Path(name).name, beside, 1)
+    advice = f"did you mean {near[0]}?" if near else "check the name, or reinstall modalshell"
+    raise FileFormatError(f"{name} is neither in the checkout nor in the installed package; {advice}")
 
 
 def repository_module(name: str) -> ModuleType:

@@ -48,17 +48,22 @@ def refuse_loose_parts(mesh: TriangleMesh, held: NDArray[np.bool_]) -> None:
         raise SupportError(fault)
 
 
-def loose_parts_fault(mesh: TriangleMesh, held: NDArray[np.bool_]) -> str:
-    """Message on how many parts of a mesh have no support, and on remedies; "" if there are none."""
+def loose_parts_fault(mesh: TriangleMesh, held: NDArray[np.bool_], *, wanted: bool = False) -> str:
+    """Message on how many parts of a mesh have no support, and on remedies; "" if there are none.
+
+    Where all parts are ``wanted``, that is no remedy any more.
+    """
     labels = mesh.components
     count = int(labels.max()) + 1
     loose = np.setdiff1d(labels, labels[held])
     if count == 1 or loose.size == 0:
         return ""
     first = int(np.flatnonzero(labels == loose[0])[0])
+    free = f"{loose.size} of {count} parts of the mesh are not held (one of them has vertex {first}, counted from 0)"
+    if wanted:
+        return f"{free}: six modes for each of them, or hold it"
     return (
-        f"{loose.size} of {count} parts of the mesh are not held (one of them has vertex {first}, counted from 0) and "
-        "would only fall; take one part (component 'largest', or its number from 0 by falling area), "
+        f"{free} and would only fall; take one part (component 'largest', or its number from 0 by falling area), "
         f"{_joining(mesh)}hold each of them, or ask for all as they are (component 'all', in Python loose_parts=True)"
     )
 

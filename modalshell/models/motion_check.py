@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.integrators.full.implicit_rule import ImplicitRule
+from modalshell.integrators.modal import ModalIntegrator
 from modalshell.loads import Loading
 from modalshell.models.base.bars import check_bar
 from modalshell.models.base.model import Model
@@ -128,6 +129,11 @@ def touching_frames(
     if not any(contact.friction for contact in contacts):
         return TouchingFrames(shell, contacts, supports, led=led)
     rule = getattr(getattr(model, "full", model), "integrator", None)
+    if isinstance(rule, ModalIntegrator):
+        raise OptionError(
+            f"bars of motions with friction are not for models on modes (got {model.name}): take DS or coarse DS, or "
+            "set friction to 0"
+        )
     if not isinstance(rule, ImplicitRule):
         raise OptionError("bars of motions with friction take implicit steps: take 'composite', or set friction to 0")
     return TouchingFrames(shell, contacts, supports, dt / rule.stand_ins, led)

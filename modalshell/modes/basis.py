@@ -380,7 +380,7 @@ def _solved(
 
 def _checked_parts(shell: Shell, count: int, backend: str | None) -> None:
     """SupportError for parts that no support holds, OptionError for too many modes or an unknown ``backend``."""
-    if fault := loose_parts_fault(shell.mesh, shell.unknowns.supported):
+    if fault := loose_parts_fault(shell.mesh, shell.unknowns.supported, wanted=shell.loose_parts):
         if not shell.loose_parts:
             raise SupportError(fault)
         warnings.warn(f"modes are spent on rigid motion: {fault}", ModalShellWarning, stacklevel=3)

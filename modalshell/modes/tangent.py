@@ -116,6 +116,10 @@ class TangentStiffness:
             factor = self._condensed(self._shifted(shift))
         return self._nearest(factor, shift)
 
+    def curves_down(self, rounding: float) -> bool:
+        """Whether an eigenvalue is below ``-rounding`` [1/s^2]; SolverError if the factorisation fails."""
+        return not self._condensed(self._shifted(rounding)).is_definite()
+
     def nearest_mode(self) -> tuple[float, Array]:
         """As :meth:`lowest_mode`, the eigenvalue nearest to zero and its direction (N,)."""
         if self._root.size < _LANCZOS_FROM:

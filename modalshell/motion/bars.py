@@ -80,7 +80,7 @@ class Bars:
 
     def __str__(self) -> str:
         if not self.times.size:
-            return "no frame was checked"
+            return "no frame was checked: bars take three frames"
         if self.times[0] == 0.0:  # an equilibrium: motions are not checked at their start
             unknown = self.margin[0] <= -_MOST
             return "no error bar" if unknown else bar_as_text(float(self.displacement[0]), float(self.margin[0]))

@@ -77,15 +77,17 @@ def with_bars(
     """The motion of a model with the error bars of some frames, those ``wanted``.
 
     Positions alone enter, and contact forces where there is friction, so that a motion that was stopped and resumed has
-    the same bars. The message says where frames are too far apart for accelerations. The other parameters are those of
-    :class:`MotionCheck`. OptionError for a shell that its supports do not hold.
+    the same bars. Of a motion too short for the first of them the last frame but one has a bar. The message says where
+    frames are too far apart for accelerations. The other parameters are those of :class:`MotionCheck`. OptionError for
+    a shell that its supports do not hold.
     """
     every, coarse, touching, led = wanted["every"], wanted["coarse"], wanted["touching"], wanted["led"]
     shell, damping = model.true_shell, damping or Damping()
     estimator = None if led is None else quick_estimator(shell, led)
     check = MotionCheck(shell, loading, damping, supports, coarse, estimator=estimator, touching=touching)
     check.basis = damped_basis(model)
-    chosen = list(range(every, len(run.times) - 1, every))  # frames with one on either side
+    last = len(run.times) - 1
+    chosen = list(range(every, last, every)) or list(range(1, last))[-1:]  # frames with one on either side
     rows, unjudged, largest, seen, held = [], list[str](), 0.0, 0, True
     swings = np.zeros((2, len(chosen)))
     for place, k in enumerate(chosen):

@@ -97,13 +97,13 @@ def simulate(
         Fields of the triangles to store with each frame, such as "curvature" or "von_mises"; see
         :class:`~modalshell.ShellFields`.
     bars : int or (int, on), optional
-        Check every this many stored frames how far the motion is from that of DS: two Newton steps and a stability
-        margin under d'Alembert's inertial loads, kept in :attr:`Trajectory.bars`. Once a margin has failed, the bars of
-        a model that is quadratic about rest stay void. Frames must be close enough for accelerations to be their
-        differences. Lags of phase that add up do not show. With ``on``, "coarse" or a coarse shell, bars are found
-        there, in milliseconds, as those of :func:`modalshell.error_bar`. With contacts they are found on the shell, by
-        the colliders where they are then and the friction of the frame; where something strikes one just then, the bar
-        is void and says so, and those after it hold.
+        Check every this many stored frames (of a shorter motion the last but one) how far the motion is from that of
+        DS: two Newton steps and a stability margin under d'Alembert's inertial loads, kept in :attr:`Trajectory.bars`.
+        Once a margin has failed, the bars of a model that is quadratic about rest stay void. Frames must be close
+        enough for accelerations to be their differences. Lags of phase that add up do not show. With ``on``, "coarse"
+        or a coarse shell, bars are found there, in milliseconds, as those of :func:`modalshell.error_bar`. With
+        contacts they are found on the shell, by the colliders where they are then and the friction of the frame; where
+        something strikes one just then, the bar is void and says so, and those after it hold.
     on_step : callable, optional
         Called after each step with the steps done and their total.
 

@@ -127,12 +127,14 @@ def plain(value: Any) -> str:
     if value is None:
         return "none"
     if isinstance(value, dict):
-        parts = {key: plain(inner) for key, inner in value.items() if inner not in (None, [], {}, False)}
+        given = {key: one for key, one in value.items() if not (one is None or one is False or one in ([], (), {}))}
+        parts = {key: plain(one) for key, one in given.items()}
         return "; ".join(f"{key} {text}" if key != "entries" else text for key, text in parts.items())
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):
         if all(isinstance(one, int | float) for one in value):
             return vector(value)
-        return "; ".join(f"({plain(one)})" for one in value)
+        texts = [plain(one) for one in value]
+        return "; ".join(text if text.startswith("(") else f"({text})" for text in texts)
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import inspect
 import json
 import re
@@ -56,7 +57,9 @@ def scene_keys(table: str | None = None) -> list[KeyTable]:
     made = _tables()
     if table is not None and table not in made:
         known = ", ".join(name for name in made if name != "scene")
-        raise OptionError(f"a scene has the tables {known}, and 'scene' before them (got {table!r:.60})")
+        near = difflib.get_close_matches(table, made, 1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        raise OptionError(f"a scene has the tables {known}, and 'scene' before them (got {table!r:.60}){hint}")
     return [one for name in (made if table is None else [table]) for one in made[name]()]
 
 

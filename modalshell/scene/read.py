@@ -6,7 +6,7 @@ import difflib
 import math
 import re
 import tomllib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args, get_origin
@@ -98,7 +98,7 @@ def checked_table(file: Path, path: str, raw: Any, kind: type[T]) -> T:
 
 def _refuse_unknown_keys(file: Path, path: str, raw: Any, kind: type[msgspec.Struct]) -> None:
     if not isinstance(raw, dict):
-        raise SceneError(f"{file}: {path}: must be a table (got {raw!r:.60})")
+        raise SceneError(f"{file}: {path}: must be a table{_not_listed(raw, path, kind)} (got {raw!r:.60})")
     tag = kind.__struct_config__.tag_field
     refuse_unknown_keys(file, path, raw, [*([tag] if tag else []), *kind.__struct_encode_fields__])
     for field in msgspec.structs.fields(kind):
@@ -109,6 +109,15 @@ def _refuse_unknown_keys(file: Path, path: str, raw: Any, kind: type[msgspec.Str
         if inner and isinstance(entries, list):
             for index, entry in enumerate(entries):
                 _refuse_unknown_keys(file, f"{path}.{field.name}[{index}]", entry, inner[0])
+
+
+def _not_listed(raw: Any, path: str, kind: type[msgspec.Struct] | None = None) -> str:
+    """What to write for a list that was given in place of one table, of a ``kind``; "" of what is no list."""
+    if not isinstance(raw, list):
+        return ""
+    fields = () if kind is None else msgspec.structs.fields(kind)
+    inner = [f"[[{path}.{one.encode_name}]]" for one in fields if _tables_in(one.type)]
+    return f", [{path}], and not a list of them" + (f"; its lists are {', '.join(inner)}" if inner else "")
 
 
 def _tables_in(annotation: Any) -> list[type[msgspec.Struct]]:
@@ -142,7 +151,7 @@ def refuse_unknown_keys(file: Path, path: str, raw: dict[str, Any], allowed: Ite
 def chosen(file: Path, path: str, raw: Any, key: str, kinds: dict[str, type[T]]) -> type[T]:
     """The kind of table that ``raw[key]`` names."""
     if not isinstance(raw, dict):
-        raise SceneError(f"{file}: {path}: must be a table (got {raw!r:.60})")
+        raise SceneError(f"{file}: {path}: must be a table{_not_listed(raw, path)} (got {raw!r:.60})")
     if key not in raw:
         raise SceneError(f"{file}: {path}.{key}: missing; choose from {', '.join(kinds)}")
     name = raw[key]
@@ -209,13 +218,23 @@ def _literals(annotation: Any) -> list[str]:
 
 
 @contextmanager
-def located(file: Path, path: str, table: msgspec.Struct) -> Iterator[None]:
-    """Prefix errors raised while building from ``table`` with the file and the key's path."""
+def located(file: Path, path: str, table: msgspec.Struct, contacts: Sequence[Any] = ()) -> Iterator[None]:
+    """Prefix errors raised while building from ``table`` with the file and the key's path.
+
+    Messages about one of the ``contacts`` of a scene, by its number among those with colliders, have its path.
+    """
     try:
         yield
     except ModalShellError as error:
         if isinstance(error, SceneError) or not isinstance(error, ValueError):
             raise
+        if contacts and (numbered := re.match(r"contact (\d+) ", str(error))):
+            with_collider = [place for place, one in enumerate(contacts) if hasattr(one, "collider")]
+            place, rest = f"contacts[{with_collider[int(numbered[1])]}]", str(error)[numbered.end() :]
+            raise SceneError(f"{file}: {place}: the contact {rest}") from error
+        named, said = getattr(table, "file", None), str(error)
+        if isinstance(named, str) and (said.startswith(f"{named} ") or said.partition(": ")[0].endswith(named)):
+            raise SceneError(f"{file}: {path}.file: {error}") from error
         name, _, rest = str(error).partition(" ")  # most messages begin with the parameter, or an entry of it
         parameter, bracket, index = name.partition("[")
         key = _PARAMETERS.get(parameter, parameter)

@@ -347,7 +347,7 @@ class BuiltScene:
         table = self.scene.motion
         if table is None:
             raise SceneError(f"{self.scene.file}: motion: missing; without it the scene asks for an equilibrium")
-        with located(self.scene.file, "motion", table):
+        with located(self.scene.file, "motion", table, self.contacts):
             return Motion(
                 self.model,
                 self.model.shell.loading(self.gravity, self.force, self.loads),
@@ -374,5 +374,5 @@ class BuiltScene:
         """The static answer."""
         options: dict[str, Any] = {"constraints": self.constraints, "bar": self.scene.bar, "contacts": self.contacts}
         options = {name: given for name, given in options.items() if given}
-        with located(self.scene.file, "model", self.scene.model):
+        with located(self.scene.file, "model", self.scene.model, self.contacts):
             return self.model.equilibrium(gravity=self.gravity, force=self.force, loads=self.loads, **options)

@@ -163,15 +163,18 @@ def odd_values(material: MaterialTable, units: Units, size: float) -> list[str]:
             f"{units.length}: too thick for a sheet, or of other units than the mesh"
         )
     if isinstance(density, float | int) and not _DENSITIES[0] <= (real := density * mass / length**3) <= _DENSITIES[1]:
-        remarks.append(
-            f"material.density: {density:g} {units.mass}/{units.length}^3 is {real:.3g} [kg/m^3], which no sheet has "
-            "(water: 1000 [kg/m^3]): check [units]"
-        )
+        given = _in_si(density, f"{units.mass}/{units.length}^3", real, "kg/m^3")
+        remarks.append(f"material.density: {given}, which no sheet has (water: 1000 kg/m^3): check [units]")
     if isinstance(young, float | int):
         real = young * mass / (length * time**2)
-        given = f"material.young: {young:g} {units.mass}/({units.length} {units.time}^2) is {real:.3g} [Pa]"
+        given = f"material.young: {_in_si(young, f'{units.mass}/({units.length} {units.time}^2)', real, 'Pa')}"
         if real > _STIFFEST:
             remarks.append(f"{given}, stiffer than diamond: check [units]")
         if real < _SOFTEST:
-            remarks.append(f"{given}, softer than jelly: check [units] (210 GPa are 210e9 [Pa])")
+            remarks.append(f"{given}, softer than jelly: check [units] (210 GPa are 210e9 Pa)")
     return remarks
+
+
+def _in_si(value: float, unit: str, real: float, si: str) -> str:
+    """A value in its unit and in that of SI, which is ``real``; once where these are the same."""
+    return f"{value:g} {si}" if real == value else f"{value:g} {unit} is {real:.3g} {si}"

@@ -100,7 +100,8 @@ class PhysicalSheet(Table, frozen=True):
 class Supports(Table, frozen=True):
     """``[supports]``: vertices that are held, and keyframes of the path that they move along.
 
-    ``times`` [s], ``translations`` [m], ``rotations`` as rotation vectors [rad] about ``pivot`` [m].
+    ``times`` [s], ``translations`` [m], ``rotations`` as rotation vectors [rad] about ``pivot`` [m]. A smooth path
+    joins them that starts and stops at rest, so that its speed is not constant where keyframes are in one line.
     """
 
     clamped: Selection
@@ -128,7 +129,7 @@ class Units(Table, frozen=True):
 
 
 class Moved(Table, frozen=True):
-    """``path`` of ``[[contacts]]``: keyframes along which the collider moves."""
+    """``path`` of ``[[contacts]]``: keyframes along which the collider moves, at rest at both ends."""
 
     times: Times
     translations: Keyframes | None = None
@@ -137,7 +138,7 @@ class Moved(Table, frozen=True):
 
 
 class Path(Moved, frozen=True, tag_field="kind", tag="path"):
-    """``[[supports]]`` of ``kind = "path"``: keyframes of the path along which all supports move."""
+    """``[[supports]]`` of ``kind = "path"``: keyframes along which all supports move, at rest at both ends."""
 
 
 class SupportList(Table, frozen=True):

@@ -22,12 +22,15 @@ def toml_table(name: str, table: Mapping[str, Any]) -> str:
 
 
 def write_scene_with(file: Path, out: str | os.PathLike[str], model: Mapping[str, Any]) -> Path:
-    """Write the scene of ``file`` to ``out`` with another ``[model]``; comments are lost, paths of files adapted."""
+    """Write the scene of ``file`` to ``out`` with another ``[model]``; comments are lost, paths of files adapted.
+
+    Its results have the name of the new file: under that of the old one they would take the place of its own.
+    """
     raw = _with_paths(read_toml(file), "", file.parent, Path(out).resolve().parent) | {"model": dict(model)}
-    raw.setdefault("name", file.stem)
+    raw.pop("name", None)
     top = [f"{_key(key)} = {_value(value)}" for key, value in raw.items() if not isinstance(value, dict)]
     tables = [toml_table(key, value) for key, value in raw.items() if isinstance(value, dict)]
-    return write_text(Path(out), "\n\n".join(["\n".join(top), *tables]) + "\n")
+    return write_text(Path(out), "\n\n".join(filter(None, ["\n".join(top), *tables])) + "\n")
 
 
 def _with_paths(value: Any, key: str, here: Path, there: Path) -> Any:

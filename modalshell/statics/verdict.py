@@ -9,6 +9,10 @@ _GROWS = (
     "in balance, but without damping the smallest push aside grows, as at a saddle or in flutter: whether damping, "
     "that of wind too, holds it is shown by a motion from there"
 )
+LEVEL = (
+    "in balance, but some shapes resist no small push, as those of flat sheets of springs out of their plane: whether "
+    "it is stable is not known"
+)
 
 
 def verdict(

@@ -226,6 +226,7 @@ def test_the_weight_sags_by_the_set_share_or_is_far_from_buckling(mesh, buckles)
 @pytest.mark.parametrize(
     ("moved", "outcome", "told"),
     [
+        (0.0, Outcome.COMPLETED, "does not move, as without a load"),
         (1e-4, Outcome.COMPLETED, "too stiff"),
         (0.2, Outcome.COMPLETED, "moves by up to 20 % of its size"),
         (3.0, Outcome.COMPLETED, "too soft"),
@@ -384,3 +385,13 @@ def test_a_motion_that_is_hardly_seen_is_not_asked_to_grow_once(v_basis):
     run = ms.simulate(ms.LinearModal(v_basis), duration=0.1, gravity=(0.0, 0.0, -1e-3))
     moved = np.linalg.norm(run.positions - run.rest_positions, axis=2).max()
     assert "about 2 times" in motion_as_text(run, 1.2 * float(moved) / UNSEEN)
+
+
+def test_modes_that_are_all_rigid_are_said_to_be(capsys, tmp_path):
+    """Four zeros of a free sheet told nothing of its vibrations, nor how to have them."""
+    file = tmp_path / "sheet.obj"
+    ms.save_mesh(ms.sheet(cells=(3, 3)), file)
+    with pytest.raises(SystemExit) as ended:
+        main(["modes", str(file), "--count", "4", "--out", str(tmp_path)])
+    assert ended.value.code == 0
+    assert "rigid motions alone: clamp it (--clamp), or ask for more (--count 12)" in capsys.readouterr().out

@@ -262,6 +262,8 @@ def test_cases_that_cannot_be_compared_are_refused(scene_file):
         ms.tradeoff(beam(), gravity=(0, 0, -1), loads=(0.5, 0.4, 1.0))
     with pytest.raises(ms.OptionError, match="modes"):
         ms.tradeoff(beam(), gravity=(0, 0, -1), modes=(0,))
+    with pytest.raises(ms.OptionError, match=r"error must be .* at most 1 \(got 5"):  # per cent, it seems
+        ms.advise(beam(), gravity=(0, 0, -1), error=5)
     led = '[[constraints]]\nkind = "position"\nnearest = [1, 0, 0]\ntarget = [1, 0, 0]\n'
     file = scene_file(FLAT, WEAK, DISCRETE, STILL, more=led)
     with pytest.raises(ms.OptionError, match="under loads, not under constraints"):

@@ -105,6 +105,7 @@ def test_a_mesh_that_is_touched_comes_from_a_file(scene_file, tmp_path):
         ('[[contacts]]\nkind = "sphere"\ncenter = [0, 0, 0]\n', "contacts[0].radius"),
         ('[[contacts]]\nkind = "sphere"\ncenter = [0, 0, -9]\nradius = -1\n', "contacts[0].radius: must be"),
         ('[[contacts]]\nkind = "mesh"\n', "contacts[0].file: missing"),
+        ('[[contacts]]\nkind = "mesh"\nfile = "no.ply"\n', "contacts[0].file: "),
         (FLOOR + "friction = -1\n", "contacts[0].friction: must be"),
         (FLOOR + "bounce = 1\n", "contacts[0].bounce"),
         (FLOOR + 'sel = "x > 9"\n', "contacts[0].sel: selects no vertex"),
@@ -117,6 +118,21 @@ def test_bad_tables_are_refused_by_their_keys(scene_file, table, said):
     with pytest.raises(ms.SceneError) as caught:
         ms.load_scene(scene_file(more=table)).build()
     assert said in str(caught.value)
+
+
+def test_what_a_motion_refuses_names_the_contact(scene_file):
+    """It stood under "motion:", and was numbered without self-contact before it."""
+    pytest.importorskip("ipctk", reason="ipctk is not installed (pip install 'modalshell[contact]')")
+    fast = BALL + "[contacts.path]\ntimes = [0.0, 0.1]\ntranslations = [[0, 0, 0], [5, 0, 0]]\n"
+    for more, model, place in (
+        (FLOOR + fast, "mwts", 1),
+        ('[[contacts]]\nkind = "self"\ngap = 1e-3\n' + fast, "ds", 1),
+    ):
+        built = ms.load_scene(scene_file(('"mwts"', f'"{model}"'), more=more)).build()
+        with pytest.raises(
+            ms.SceneError, match=rf": contacts\[{place}\]: the contact \(Sphere\) moves .* m in the step"
+        ):
+            built.start_motion()
 
 
 @pytest.mark.slow

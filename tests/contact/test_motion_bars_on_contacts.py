@@ -209,6 +209,11 @@ def test_friction_of_explicit_steps_is_refused(shell):
         move(model, ms.Contact(FLOOR, friction=0.3), dt=1e-6, duration=2e-6)
 
 
+def test_friction_of_models_on_modes_is_not_referred_to_a_rule_that_they_lack(warping):
+    with pytest.raises(ms.OptionError, match=r"not for models on modes \(got MWTS\): take DS or coarse DS"):
+        move(warping, ms.Contact(FLOOR, friction=0.3))
+
+
 @pytest.mark.parametrize("given", ["motion", "statics"])
 def test_contacts_of_any_kind_of_list_are_heeded_with_bars(warping, given):
     """An iterator was read by the bars, and the motion went through the floor; what is no list was no clear error."""

@@ -34,6 +34,15 @@ def norm(shell, displacement):
     return np.sqrt(np.sum(shell.mass[:, None] * displacement**2, axis=(1, 2)))
 
 
+def test_a_motion_shorter_than_the_first_check_is_checked_at_its_end(rung):
+    """No frame was, and the summary said just that."""
+    run = move(rung, 25.0, duration=9 * DT, bars=15)
+    assert run.bars.times == pytest.approx([8 * DT])
+    assert run.bars.valid.all()
+    none = move(rung, 25.0, duration=DT, bars=15)
+    assert str(none.bars) == "no frame was checked: bars take three frames"
+
+
 @pytest.mark.slow
 def test_they_follow_the_error_of_a_slow_motion(beam, rung):
     dt = DT / 4  # of steps as long as DT the differences err more than bars do where little has moved

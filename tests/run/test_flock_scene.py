@@ -140,6 +140,7 @@ def test_the_camera_keeps_the_flock_in_view(tmp_path):
         ("[-3.5, -2.5, -1.0], [3.5", "[-3.5, -2.5, -1.0], [-4.5", "flock.bounds: must be a lower"),
         ('formats = ["mp4", "png"]', 'formats = ["pvd"]', "output.formats"),
         ('clamped = "z <= 0"', 'clamped = "z <= 0"\ntimes = [0.0, 1.0]', "supports.times"),
+        ('[supports]\nclamped = "z <= 0"', "", "supports: a boid carries its bird by the supports, which do not hold"),
         ("size = [960, 540]", "size = [961, 540]", "flock.camera: the size of a film must be even"),
         ("target = [0.0, 0.0, -0.45]", "target = [0.0, -8.8, 0.6]", "flock.camera: a camera needs a target"),
         ("rate_factor = 29", 'color = "blau"', "flock.camera.color: must be a matplotlib colour"),

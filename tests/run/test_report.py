@@ -12,6 +12,7 @@ from printed import check_numbers, stands_for
 import modalshell as ms
 from modalshell.commands.cli import main
 from modalshell.files.atomic_io import read_record, write_record
+from modalshell.page.report import plain
 from modalshell.run.protocol import result_digest
 from modalshell.run.report_numbers import report_numbers
 
@@ -302,3 +303,10 @@ def test_the_report_on_the_plate_of_the_readme_prints_on_two_pages_of_its_own_nu
     page.close()
     files = [json.loads(path.read_text()) for path in (tmp_path / "results").glob("*.json")]
     assert check_numbers(rows, files) > 30
+
+
+def test_a_table_is_written_with_its_zeros_and_short_numbers():
+    """Poisson's ratio 0 was left out as if it were not set, and moduli of two directions had all their digits."""
+    table = {"young": (2e8, 5e7), "poisson": 0.0, "calibrated": False, "times": None, "entries": []}
+    assert plain(table) == "young (2e+08, 5e+07); poisson 0"
+    assert plain({"translations": [[0, 0, 0], [0, 0, 0.05]]}) == "translations (0, 0, 0); (0, 0, 0.05)"

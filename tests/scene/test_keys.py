@@ -52,6 +52,8 @@ def test_another_name_is_refused_with_the_tables():
         ms.OptionError, match=r"has the tables mesh, material, .* and 'scene' before them \(got 'ball'\)"
     ):
         scene_keys("ball")
+    with pytest.raises(ms.OptionError, match=r"\(got 'contact'\); did you mean 'contacts'\?"):
+        scene_keys("contact")
 
 
 def test_the_command_prints_them(capsys):

@@ -103,7 +103,7 @@ def test_models_take_shell_theory(load, name):
 def test_springs_refuse_shell_theory(load):
     scene = load(STIFFNESSES, sheet_text())
     scene.file.write_text(scene.file.read_text().replace('"mwts"', '"springs"'))
-    with pytest.raises(ms.SceneError, match="in a scene calibrated = true"):
+    with pytest.raises(ms.SceneError, match="in a scene young, poisson, thickness, density, calibrated = true"):
         ms.load_scene(scene.file).build()
 
 
@@ -229,7 +229,8 @@ def test_without_motion_a_scene_is_static(load):
         ("[12, 4]", '[12, "a"]', "mesh.cells[1]: must be an integer (got 'a')"),
         ('"v_beam"', '"w_beam"', "mesh.shape: must be one of flat_beam, v_beam, sheet, cylinder_panel, leaf"),
         ('shape = "v_beam"', "", "mesh: must have either file or shape"),
-        ("[mesh]", "[[mesh]]", "mesh: must be a table"),
+        ("[mesh]", "[[mesh]]", "mesh: must be a table, [mesh], and not a list of them (got"),
+        ("[loads]\ngravity", "[[loads]]\np", "loads: must be a table, [loads], and not a list of them; its lists"),
         ("[mesh]", 'name = "a/b"\n[mesh]', "name: must be 1 to 100 letters"),
         ("[mesh]", "x = " + "[" * 3000 + "\n[mesh]", "not TOML"),
         ('"mwts"', '"magic"', "model.name: must be one of rigid, lma, mwts"),
@@ -275,8 +276,8 @@ def test_what_is_not_allowed_is_refused_at_its_path(load, old, new, message):
         ("[12, 4]", "[12, 3]", "mesh.cells[1]: must be even"),
         ("[12, 4]", "[12, 4]\nlength = -1", "mesh.length: must be a finite number above 0"),
         ("[12, 4]", '[12, 4]\nfamily = "x"', "mesh.family: must be one of 'alternating'"),
-        ('shape = "v_beam"\ncells = [12, 4]', 'file = "no.obj"', "mesh: "),
-        ('shape = "v_beam"\ncells = [12, 4]', 'file = "meshes/no.obj"', "mesh: meshes/no.obj"),
+        ('shape = "v_beam"\ncells = [12, 4]', 'file = "no.obj"', "mesh.file: "),
+        ('shape = "v_beam"\ncells = [12, 4]', 'file = "meshes/leav.obj"', "mesh.file: meshes/leav.obj is "),
         ("stretch = 20.0", "stretch = -900", "material.stretch: -900 N/m makes triangle"),
         ('"x < 0.1"', '"x < "', "supports.clamped: cannot read the selection 'x < ': invalid syntax; allowed"),
         ('"x < 0.1"', '"x < -9"', "supports.clamped: selects no vertex (got 'x < -9'); the mesh reaches from"),

@@ -55,10 +55,10 @@ def test_sane_values_pass_without_a_word(remarks):
     ("units", "changes", "told"),
     [
         ("", {"thickness": 0.5}, "material.thickness: 0.5 m is over a fifth"),
-        ("", {"density": 1e-6}, "material.density: 1e-06 kg/m^3 is 1e-06 [kg/m^3]"),
-        ('[units]\nlength = "mm"\n', {"density": 1000.0}, "material.density: 1000 kg/mm^3 is 1e+12 [kg/m^3]"),
-        ("", {"young": 1e15}, "material.young: 1e+15 kg/(m s^2) is 1e+15 [Pa], stiffer than diamond"),
-        ("", {"young": 210.0}, "material.young: 210 kg/(m s^2) is 210 [Pa], softer than jelly: check [units] (210 GPa"),
+        ("", {"density": 1e-6}, "material.density: 1e-06 kg/m^3, which no sheet has"),
+        ('[units]\nlength = "mm"\n', {"density": 1000.0}, "material.density: 1000 kg/mm^3 is 1e+12 kg/m^3, which"),
+        ("", {"young": 1e15}, "material.young: 1e+15 Pa, stiffer than diamond"),
+        ("", {"young": 210.0}, "material.young: 210 Pa, softer than jelly: check [units] (210 GPa"),
     ],
 )
 def test_odd_values_are_told(remarks, units, changes, told):

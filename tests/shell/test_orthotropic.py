@@ -280,3 +280,13 @@ def test_stresses_of_sheets_with_a_thickness_have_a_bar():
     state = model.equilibrium(gravity=(0.0, 0.0, -1.0))
     bars = ms.quantity_bars(model, state, of=("von_mises",))
     assert set(bars) == {"von_mises"}
+
+
+def test_three_numbers_on_three_triangles_are_said_to_be_a_vector():
+    """An angle for each of them was meant, and taken as a vector without a word."""
+    fan = ms.TriangleMesh(
+        [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [-0.5, 0.5, 0]], [[0, 1, 2], [0, 2, 3], [0, 3, 4]]
+    )
+    with pytest.warns(ms.ModalShellWarning, match=r"direction \(10, 20, 30\) is taken as a vector, not as an angle"):
+        ms.Shell(fan, ms.Orthotropic(**WOOD, direction=[10.0, 20.0, 30.0]), clamped=[0, 1])
+    ms.Shell(fan, ms.Orthotropic(**WOOD, direction=np.full((3, 3), [1.0, 2.0, 0.0])), clamped=[0, 1])

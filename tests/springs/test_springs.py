@@ -349,6 +349,15 @@ def test_a_flat_sheet_hangs_although_it_has_no_bending_stiffness():
     assert answer.positions[:, 2].min() == pytest.approx(-1.0, abs=0.05)
 
 
+def test_a_flat_sheet_without_a_load_is_at_no_saddle():
+    """Its Hessian is zero out of the plane, and was taken for one that curves down."""
+    mesh = ms.sheet(length=0.3, width=0.2, cells=(6, 4))
+    shell = ms.Shell(mesh, ms.Material(100.0, 100.0, 0.05, 0.2), clamped="x < 0.01 or x > 0.29")
+    state = ms.SpringSheet(shell).equilibrium()
+    assert (state.outcome, state.stable) == (ms.Outcome.CONVERGED, None)
+    assert state.message.startswith("in balance, but some shapes resist no small push")
+
+
 @pytest.mark.slow
 def test_a_stiff_flat_strip_without_bending_stiffness_finds_its_minimum():
     mesh = ms.flat_beam(cells=(20, 4))

@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import re
 
 import numpy as np
 import pytest
@@ -254,6 +255,18 @@ def test_the_command(swept, tmp_path, capsys):
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "beams: 12 cases, 12 converged; 0 computed now, 12 from before"
     assert lines[1:] == [str(folder / name) for name in FILES]
+
+
+@pytest.mark.usefixtures("here")
+def test_the_command_says_why_cases_have_no_answer(write, tmp_path, capsys):
+    """It counted them, and the reason stood in its table alone."""
+    file = write(axes='"model.modes" = [2, 9999]')
+    with pytest.raises(SystemExit) as exit_:
+        main(["sweep", str(file), "--out", str(tmp_path / "out")])
+    assert exit_.value.code == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("beams: 2 cases, 1 converged, 1 refused")
+    assert re.match(r"case 2, refused: .*model\.modes: must be at most \d+", lines[1])
 
 
 @pytest.mark.parametrize(

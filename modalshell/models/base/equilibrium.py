@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, final
 
 import numpy as np
@@ -23,6 +23,7 @@ from modalshell.shell import CreaseState
 from modalshell.shell.pattern import SparsePattern
 from modalshell.statics.error_bar import ErrorBar
 from modalshell.statics.live_loads import LiveLoads
+from modalshell.statics.verdict import LEVEL
 from modalshell.supports.constraints import Constraint
 
 
@@ -172,3 +173,16 @@ class Equilibrium(Drawn):
     def status(self) -> str:
         """The outcome as text."""
         return str(self.outcome)
+
+
+def where_level(
+    end: Equilibrium, loading: Loading, curves_down: Callable[[Array], bool | None], *, drifts: bool = False
+) -> Equilibrium:
+    """The end of a search, no saddle where ``curves_down`` of its positions is False: its Hessian is singular at most.
+
+    What ``drifts`` is so along its free motions, and stable; of another shell the Hessian does not tell.
+    """
+    known = end.outcome is not Outcome.UNSTABLE or loading.live or (end.creases is not None and not drifts)
+    if known or curves_down(end.positions) is not False:
+        return end
+    return replace(end, outcome=Outcome.CONVERGED, message="" if drifts else LEVEL, stable=True if drifts else None)

@@ -22,7 +22,7 @@ from modalshell.integrators.full import ExplicitEuler, FullIntegrator
 from modalshell.integrators.full.base import hold, oscillation
 from modalshell.integrators.state import CREASES, MotionState
 from modalshell.loads import Loading
-from modalshell.models.base.equilibrium import Equilibrium
+from modalshell.models.base.equilibrium import Equilibrium, where_level
 from modalshell.models.base.free_statics import balanced, goes_along, pushed_share, refuse_drifting
 from modalshell.models.base.full_stepper import FullStepper
 from modalshell.models.base.model import RIGID_LOAD, Model
@@ -112,7 +112,7 @@ class FullModel(Model):
 
     def _solve_live(self, loading: Loading, start: Array | None) -> Equilibrium:
         if not left_free(self.shell) or (loading.live and not goes_along(self.shell, loading)):
-            return self._solve_constrained(loading, start, ())
+            return where_level(self._solve_constrained(loading, start, ()), loading, self._curves_down)
         if (share := self.rigid_load(loading.dead)) > RIGID_LOAD:
             x = np.array(self.shell.rest_positions if start is None else start)
             return Equilibrium(x, Outcome.NO_EQUILIBRIUM, "", 0, share, None, creases=self.shell.crease_state)
@@ -121,8 +121,7 @@ class FullModel(Model):
             model = copy.copy(self)
             model.shell, model.factoriser = shell, Factoriser(self.factoriser.backend)
             end = model._solve_constrained(loading, begin, ())
-            level = end.outcome is Outcome.UNSTABLE and not loading.live and model._curves_down(end.positions) is False
-            return replace(end, outcome=Outcome.CONVERGED, message="", stable=True) if level else end
+            return where_level(end, loading, model._curves_down, drifts=True)
 
         return balanced(self.shell, loading, start, solve)
 
@@ -291,7 +290,7 @@ class FullModel(Model):
             return False
         rounding = _ROUNDING * float(np.abs(hessian.diagonal()).mean() / self.shell.mass.mean())
         try:
-            return bool(TangentStiffness(self.shell, hessian, self.factoriser).lowest_mode()[0] < -rounding)
+            return TangentStiffness(self.shell, hessian, self.factoriser).curves_down(rounding)
         except SolverError:
             return None
 
