@@ -182,6 +182,16 @@ def pytest_collection_modifyitems(config, items):
         items.sort(key=lambda item: (taken_together(item.nodeid) not in studies(), -sizes[taken_together(item.nodeid)]))
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Without looks for cyclic garbage: what is imported and collected stays, and grows by the hundred thousand."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
+
+
 def pytest_collection_finish():
     collecting.allow()
     gc.freeze()  # the tests and the modules stay: no collection need look through them

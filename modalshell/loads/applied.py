@@ -9,6 +9,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.core.thread_safety import writeable
 from modalshell.core.typing import Array, Index
 from modalshell.loads.averaged import averaged
 from modalshell.loads.surface_kernels import surface_forces
@@ -153,6 +154,8 @@ class AppliedLoad:
             total += factor * self.constant
         elif isinstance(form, SurfaceForm):
             air = form.air(x, self.stencils, time)
+            # One kind of arrays, so that the kernel is compiled once: positions at rest and air at rest are read-only.
+            x, before, air = writeable(x), writeable(before), writeable(air)
             surface_forces(x, before, rate, self.stencils, factor * form.sizes, air, total)
         else:
             total += self.force(x, rate * (x - before) if self.by_velocity else None, time)

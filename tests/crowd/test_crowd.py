@@ -318,7 +318,8 @@ NARROW = """
 import sys
 import numpy as np
 import modalshell as ms
-from modalshell.kernels import packed
+from modalshell.kernels import ahead, packed
+ahead.begin = lambda *_: None  # no second process, which would compile what is not used here
 basis = ms.Basis.load(sys.argv[1])
 crowd = ms.Crowd(basis, 5)
 crowd.coordinates = np.load(sys.argv[2])

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.core.outcome import Outcome
-from modalshell.core.thread_safety import PerThread, read_only
+from modalshell.core.thread_safety import PerThread, read_only, writeable
 from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
 from modalshell.models.base.distortion_kernels import surface_changes
@@ -75,7 +75,8 @@ class Distortion:
             return False
         faces, areas, pairs = self._sample
         limits = _AREA, _OVER, int(_CLEARLY * _SHARE * _SAMPLE)
-        area, changed, folded = surface_changes(positions, faces, areas, pairs, *limits, self._normals())
+        x = writeable(positions)  # as below: positions at rest are read-only
+        area, changed, folded = surface_changes(x, faces, areas, pairs, *limits, self._normals())
         rest, slightly = areas.sum(), _AREA**_CLEARLY
         return bool(
             1.0 / slightly < area / rest < slightly
@@ -101,7 +102,8 @@ class Distortion:
         if self._clear(positions, farthest):
             return ""
         rest, rest_area, hinges = self._rest
-        area, changed, folded = surface_changes(positions, *rest, _AREA, _OVER, int(_SHARE * hinges), self._normals())
+        x = writeable(positions)
+        area, changed, folded = surface_changes(x, *rest, _AREA, _OVER, int(_SHARE * hinges), self._normals())
         ratio = area / rest_area
         if not 1.0 / _AREA < ratio < _AREA:
             return f"the surface area is {ratio:.3g} of that at rest"
