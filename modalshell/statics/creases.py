@@ -294,8 +294,10 @@ def _stepped(way: _Way, low: _Place, iterations: int) -> tuple[NewtonResult, Cre
         if place.share < target:
             if steps.refuse(max(low.share, _FINEST)):
                 continue
-            kept = CreaseState(low.angles, low.heat)
-            return replace(found, converged=False, residual=np.inf, iterations=iterations), kept
+            own = replace(way.problem, shell=way.problem.shell.creased(low.angles))
+            missed = own.measure(own.residual(low.x)) / way.scale
+            found = replace(found, converged=False, residual=missed, iterations=iterations, stable=None)
+            return found, CreaseState(low.angles, low.heat)
         change = float(np.abs(place.angles - low.angles).max())
         apart = float(np.abs(place.angles - tried[0].angles).max())
         if (apart > _ALIKE * change + _LEAST or not way.even(low, halves[0][0], place)) and steps.step > _FINEST:

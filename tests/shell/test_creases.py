@@ -101,6 +101,25 @@ def test_a_couple_leaves_the_angle_that_hardening_says(material, loads):
 
 
 @pytest.mark.slow
+def test_a_release_in_one_step_that_is_not_found_says_by_how_much_it_misses():
+    """A fold this large turns round as it is released, farther than dead forces at the tip would lead it."""
+    shell = strip(cells=(10, 2), clamped="x < 1e-9")
+    bent = ms.DiscreteShell(shell).equilibrium(loads=[ms.EdgeMoment("x > 0.99", 5.0 * LIMIT)])
+    assert np.abs(bent.creases.angles) == pytest.approx(4.0 * LIMIT / HARDENING, rel=1e-3)
+    shell, x = shell.creased(bent.creases), bent.positions
+    released = ms.DiscreteShell(shell).equilibrium(start=x)
+    if not released.converged:
+        assert 0.0 < released.residual < 10.0
+        assert released.stable is None
+        assert "inf" not in released.message
+    for factor in (2.5, 1.25, 0.0):  # by smaller ones it comes to where hardening keeps what the limit lets it
+        bent = ms.DiscreteShell(shell).equilibrium(loads=[ms.EdgeMoment("x > 0.99", factor * LIMIT)], start=x)
+        assert bent.converged
+        shell, x = shell.creased(bent.creases), bent.positions
+    assert np.abs(bent.creases.angles) == pytest.approx(LIMIT / HARDENING, rel=1e-3)
+
+
+@pytest.mark.slow
 @ENERGIES
 def test_folded_released_and_folded_again(material):
     shell = strip(material, cells=(8, 2), hardening=0.02)

@@ -105,10 +105,11 @@ def next_to_snap(problem: StressPotential, z: Array, jumps: Sequence[tuple[str, 
         rate = np.linalg.solve(hessian, problem.load)
     except np.linalg.LinAlgError:
         return "the stiffness vanishes at this load"
-    lowest, below = (
-        float(np.linalg.eigvalsh(matrix)[0]) for matrix in (hessian, problem.linearise(z - _SMALL * rate, EXACT)[1])
-    )
-    slope = (lowest - below) / _SMALL
+    eigenvalues, vectors = np.linalg.eigh(hessian)
+    lowest, softest = float(eigenvalues[0]), vectors[:, 0]
+    # A step along the straight line of the rate strains the membrane, of which the difference to both sides is free.
+    before, after = (softest @ problem.linearise(z + step * rate, EXACT)[1] @ softest for step in (-_SMALL, _SMALL))
+    slope = float(after - before) / (2.0 * _SMALL)
     if lowest < _MARGIN * abs(slope):
         return f"the stiffness vanishes at about {1.0 - lowest / slope:.2g} of this load"
     return ""
