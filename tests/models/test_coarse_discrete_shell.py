@@ -35,7 +35,7 @@ def shell(cells, fold, membrane=20.0):
     return ms.Shell(mesh, ms.Material(membrane, membrane, 0.05, 0.2), mesh.vertices[:, 0] < CLAMP)
 
 
-@pytest.mark.by_default("180.0")
+@pytest.mark.slow
 @pytest.mark.parametrize("fold", [150.0, 180.0])
 def test_calibrated_it_follows_the_fine_shell_through_large_bends(fold):
     fine = shell((40, 8), fold)
@@ -64,6 +64,7 @@ def test_it_follows_the_stiff_beam_through_its_snap():
     assert ms.measure.displacement_error(answer.positions, exact.positions, fine) < 0.06
 
 
+@pytest.mark.slow
 def test_membrane_and_flexure_are_scaled_to_a_mode_each():
     wide = ms.v_beam(length=1.0, width=0.4, fold=120.0, cells=(32, 12))
     fine = ms.Shell(wide, ms.Material(2000.0, 2000.0, 0.05, 0.2), wide.vertices[:, 0] < 1.5 / 32)
@@ -251,6 +252,7 @@ def test_closest_points_are_found_over_each_triangle():
     assert distance[0] == pytest.approx(0.1)
 
 
+@pytest.mark.by_default("damping0-bdf2", "damping0-composite", "damping1-implicit")
 @pytest.mark.parametrize("integrator", ["bdf2", "composite", "implicit"])
 @pytest.mark.parametrize("damping", [(0.0, 0.0), (2.0, 0.002)])
 def test_compiled_steps_are_those_of_discrete_shells(damping, integrator):

@@ -84,6 +84,7 @@ def profile_hessian(shell, x):
     return whole[np.ix_(positions, positions)] - across.T @ np.linalg.solve(whole[np.ix_(others, others)], across)
 
 
+@pytest.mark.by_default("flat", "orthotropic", "pinned, prestrained")
 @pytest.mark.parametrize("name", SHELLS)
 def test_the_hessian_in_the_profile_is_the_shells(name):
     shell = SHELLS[name]()
@@ -94,6 +95,7 @@ def test_the_hessian_in_the_profile_is_the_shells(name):
     np.testing.assert_allclose(profile_hessian(shell, x), exact, atol=1e-11 * np.abs(exact).max())
 
 
+@pytest.mark.by_default("flat", "pinned, prestrained", "free")
 @pytest.mark.parametrize("name", SHELLS)
 def test_its_arrays_are_of_the_types_that_the_shells_own_are(name):
     """Kernels that the shell has compiled are not compiled once more for the step."""
@@ -132,12 +134,14 @@ def through(shell, integrator, damping):
     return apart / moved
 
 
+@pytest.mark.by_default("damping0-composite", "damping0-implicit", "damping1-bdf2")
 @pytest.mark.parametrize("integrator", ["bdf2", "composite", "implicit"])
 @pytest.mark.parametrize("damping", [(0.0, 0.0), (2.0, 0.002)])
 def test_motions_are_those_of_sparse_steps(integrator, damping):
     assert through(beam(ISOTROPIC), integrator, damping) < 1e-8  # steps are solved to 1e-10 of their push
 
 
+@pytest.mark.by_default("orthotropic", "free")
 @pytest.mark.parametrize("name", ["orthotropic", "laminate", "fabric", "junction", "free"])
 def test_motions_of_other_shells_are_too(name):
     assert through(SHELLS[name](), "bdf2", (2.0, 0.002)) < 1e-8  # steps are solved to 1e-10 of their push
@@ -192,6 +196,7 @@ def test_a_shell_that_is_too_large_is_seen_by_its_edges_alone(monkeypatch):
     assert numbered == [len(plate.mass) for plate in plates[:2]]
 
 
+@pytest.mark.by_default("alternating")
 @pytest.mark.parametrize("family", ["alternating", "delaunay"])
 def test_shares_by_threes_take_fewer_products_than_one_by_one(family):
     """On meshes without a grid an order found again for the threes took 1.4 times as many, and coarse shells 3."""

@@ -105,6 +105,7 @@ SUPPORTS = {
 }
 
 
+@pytest.mark.by_default("free flat", "one row of a fold", "the ridge", "two parts, one held at a vertex")
 @pytest.mark.parametrize("name", SUPPORTS)
 @pytest.mark.filterwarnings("ignore:modes are spent on rigid motion")
 def test_rigid_modes_are_counted(name):
@@ -290,6 +291,7 @@ def test_free_square_plate_has_the_hinge_spectrum(family, cells):
     np.testing.assert_allclose(numbers, DATA["free_square_plate_hinge"]["lambda"], rtol=0.01)
 
 
+@pytest.mark.by_default("right-cells2-0.2", "union-jack-cells3-0.2")
 @pytest.mark.parametrize(
     ("family", "cells", "width"),
     [("equilateral", (23, 4), 0.2), ("lloyd", (23, 4), 0.2), ("right", (20, 4), 0.2), ("union-jack", (20, 4), 0.2)],

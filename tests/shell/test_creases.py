@@ -429,6 +429,7 @@ def test_what_yields_on_the_way_to_a_load_keeps_its_fold(material, limit):
     assert at_once.creases.dissipated == pytest.approx(slowly.creases.dissipated, rel=5e-3)
 
 
+@pytest.mark.slow
 def test_a_map_that_is_let_go_dissipates_no_more_than_it_had():
     """The load that holds it would not: a release by growing loads from there led to flat panels and twice the heat."""
     shell = folded_map.folded_sheet(2, folded_map.LIMIT)

@@ -80,6 +80,7 @@ def test_factors_that_crowd_about_the_first_one_are_found(monkeypatch, more):
     assert ms.buckling_factors(shell, loads=[ms.LineForce(top, (0.0, 0.0, 1.0))]).factors.size == 0
 
 
+@pytest.mark.slow
 def test_no_load_factor_multiplies_the_stresses_that_a_shell_has_without_load():
     """A warm rod between two clamps bears less of a further push: none of it from the temperature that buckles it."""
     mesh = ms.flat_beam(length=1.0, width=0.05, cells=(40, 4))
@@ -107,6 +108,7 @@ def test_no_load_factor_multiplies_the_stresses_that_a_shell_has_without_load():
             ms.buckling_factors(warm, loads=push)
 
 
+@pytest.mark.by_default("False")
 @pytest.mark.parametrize("follower", [True, False])
 def test_a_plate_that_pressure_bends_is_not_said_to_buckle(follower):
     """Its factors are of what little stress there is beyond bending: kilometres of linear deflection."""
@@ -156,7 +158,7 @@ def _pushed(mesh, share):
     }
 
 
-@pytest.mark.by_default("lma", "mwts", "mwts-consistent")
+@pytest.mark.by_default("lma", "mwts-consistent")
 @pytest.mark.parametrize("key", [spec.key for spec in ms.models().values() if spec.quadratic and spec.needs == "basis"])
 def test_statics_of_modal_models_past_a_snap_say_so_once(key):
     """They converge: with the capsule `studies/v_beam_accuracy.py`'s beam is 60 to 90 % off DS."""
