@@ -449,8 +449,8 @@ def test_a_light_strip_in_a_strong_wind_is_followed_by_long_steps(speed, most, h
         model = ms.HybridStress.trained(fine, gravity=(0.0, 0.0, -1.0), coarse=small, motions=8)
     wind = {"loads": [ms.Wind((0.3 * speed, 0.0, -speed), density=1.2)], "damping": (0.5, 0.0)}
     tip = fine.mesh.vertices[:, 0] > 0.999
-    long, short = (ms.simulate(model, duration=0.6, dt=1.0 / (30 * parts), **wind) for parts in (1, 8))
-    off = (long.positions - short.positions[::8])[:, tip, 2].mean(axis=1)
+    long, short = (ms.simulate(model, duration=0.6, dt=1.0 / (30 * parts), **wind) for parts in (1, 4))
+    off = (long.positions - short.positions[::4])[:, tip, 2].mean(axis=1)
     assert np.abs(off).max() < most  # 0.064 and 0.64 where the wind does not fall as the strip gives way
     assert np.abs(long.positions[..., 0]).max() < 1.02
     assert not long.unconverged_steps

@@ -189,7 +189,7 @@ def test_records_say_how_models_answer_a_load(models_of_a_strip, key):
         assert (off < 1e-12) if MODELS[key].response == "linear" else (off > 1e-3)
 
 
-@pytest.mark.by_default("mwts-consistent", "md-rom", "hybrid", "coarse-ds")
+@pytest.mark.by_default("springs", "md-rom", "hybrid", "coarse-ds")
 @pytest.mark.parametrize("key", [key for key, spec in MODELS.items() if spec.response != "rigid"])
 def test_records_say_which_models_bend(models_of_a_strip, key):
     """Bending energy grows with the square of a small bend; that of stretched springs with its fourth power."""
