@@ -104,7 +104,7 @@ def test_colliders_that_move_or_have_no_form_have_no_frames_at_rest(shell, model
         assert not resting(one)
 
 
-@pytest.mark.by_default("reduced", "md-rom")
+@pytest.mark.by_default("mwts", "reduced", "md-rom")
 @pytest.mark.parametrize("name", ["lma", "mwts", "rsw", "reduced", "md-rom"])
 def test_a_motion_from_where_the_model_rests_stays_there(shell, models, name):
     """Positions beyond the modes are pressed in anew: without that such a start counted as one inside the body."""

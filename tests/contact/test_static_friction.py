@@ -56,7 +56,7 @@ def test_a_block_sticks_up_to_coulombs_angle_and_slides_beyond_it(loose, coeffic
             assert "it slides" in state.message
 
 
-@pytest.mark.by_default("2e-06-0.1", "0.05-0.1")
+@pytest.mark.by_default("2e-06-0.1", "0.05--0.1")
 @pytest.mark.parametrize("beyond", [-0.1, 0.1])
 @pytest.mark.parametrize("gap", [2e-6, 0.05])
 def test_a_free_sheet_above_a_slope_comes_down_on_it_before_it_is_held_or_slides(loose, beyond, gap):

@@ -341,7 +341,7 @@ MILD = {
 }
 
 
-@pytest.mark.by_default("consistent MWTS-moment", "RSW-follower force")
+@pytest.mark.by_default("LMA-frame", "MWTS-pressure", "consistent MWTS-moment", "RSW-follower force", "MD-ROM-wind")
 @pytest.mark.parametrize("load", MILD)
 @pytest.mark.parametrize("rung", RUNGS)
 def test_rungs_answer_mild_loads_as_discrete_shells_do(cantilever, rung, load):

@@ -26,7 +26,6 @@ ALL, FILMED = (
 )
 
 
-@pytest.mark.by_default("plain.off", "coloured_y.off", "left_handed.usdc", "packed_y.usdz")
 @pytest.mark.parametrize("name", ALL)
 def test_every_file_is_the_sheet_in_metres_with_z_up(name, tmp_path):
     path, options = write(name, tmp_path)

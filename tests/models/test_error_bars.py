@@ -162,7 +162,6 @@ def test_a_wrong_branch_that_two_steps_do_not_leave_is_void():
     assert not bar.valid
 
 
-@pytest.mark.by_default("clamp", "pin")
 @pytest.mark.parametrize("held", sorted(SUPPORTS))
 def test_supports_of_every_kind(held):
     shell = beam("shell theory", supports=SUPPORTS[held])

@@ -238,7 +238,7 @@ def test_its_basis_grows_until_a_wanted_error_is_met():
     assert least.held_out_error == min(errors.values())
 
 
-@pytest.mark.by_default("8-10.0-8")
+@pytest.mark.by_default("20-1e-12-20", "8-10.0-8")
 @pytest.mark.parametrize(("modes", "error", "size"), [(20, 1e-12, 20), (50, 1e-12, 50), (20, 10.0, 16), (8, 10.0, 8)])
 def test_modes_are_the_most_that_a_wanted_error_takes(modes, error, size, monkeypatch):
     """A wanted error that none meets tries them all; the last one is told."""

@@ -84,7 +84,6 @@ def profile_hessian(shell, x):
     return whole[np.ix_(positions, positions)] - across.T @ np.linalg.solve(whole[np.ix_(others, others)], across)
 
 
-@pytest.mark.by_default("flat", "orthotropic", "pinned, prestrained")
 @pytest.mark.parametrize("name", SHELLS)
 def test_the_hessian_in_the_profile_is_the_shells(name):
     shell = SHELLS[name]()
@@ -95,7 +94,6 @@ def test_the_hessian_in_the_profile_is_the_shells(name):
     np.testing.assert_allclose(profile_hessian(shell, x), exact, atol=1e-11 * np.abs(exact).max())
 
 
-@pytest.mark.by_default("flat", "pinned, prestrained", "free")
 @pytest.mark.parametrize("name", SHELLS)
 def test_its_arrays_are_of_the_types_that_the_shells_own_are(name):
     """Kernels that the shell has compiled are not compiled once more for the step."""

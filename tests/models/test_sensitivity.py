@@ -67,7 +67,14 @@ def test_the_derivative_by_gravity_has_taylor_slope_two(states):
 OTHERS = [(m, name) for m in (PLAIN, SHEET) for name in ("gravity", "load", "force", "rest_angles", "supports")]
 
 
-@pytest.mark.by_default("material1-shear", "material2-flexure", "material3-density", "material9-load")
+@pytest.mark.by_default(
+    "material1-shear",
+    "material2-flexure",
+    "material3-density",
+    "material9-load",
+    "material11-rest_angles",
+    "material12-supports",
+)
 @pytest.mark.parametrize(("material", "name"), [*CASES, *OTHERS])
 def test_the_adjoint_equals_the_forward_solve(states, material, name):
     state = states[material]

@@ -105,7 +105,6 @@ SUPPORTS = {
 }
 
 
-@pytest.mark.by_default("free flat", "one row of a fold", "the ridge", "two parts, one held at a vertex")
 @pytest.mark.parametrize("name", SUPPORTS)
 @pytest.mark.filterwarnings("ignore:modes are spent on rigid motion")
 def test_rigid_modes_are_counted(name):

@@ -27,7 +27,6 @@ def run_main(*arguments):
     return ended.value.code
 
 
-@pytest.mark.by_default("-38.0-void: the answer is near the end")
 @pytest.mark.parametrize(("gravity", "said"), [(-20.0, "% from DS; 4"), (-38.0, "void: the answer is near the end")])
 def test_an_equilibrium_says_its_bar_and_keeps_it(gravity, said, tmp_path, capsys):
     scene = tmp_path / "scene.toml"
