@@ -199,6 +199,7 @@ def test_trust_ends_where_states_grow_or_fine_checks_differ(fine, coarse):
     assert np.isfinite(check.compared(found, lost, x, 1.0, 0.02, known)).all()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("large")
 def test_a_motion_checked_on_a_coarse_shell_resumes_to_the_same_bits(fine, coarse):
     setting = swinging(fine, 0.05, 60)
