@@ -426,7 +426,7 @@ def test_md_rom_trains_and_flies_by_few_elements():
     np.testing.assert_allclose(run.positions, whole.positions, rtol=0, atol=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.by_default("MD-ROM-1.0")
 @pytest.mark.parametrize(("rung", "radius"), [("RSW", np.inf), ("MD-ROM", 1.0)])
 def test_modes_fly_in_a_wind_as_ds(rung, radius):
     """The wind drives a flat sheet along, and turns a curved one: errors fall with the step's square."""

@@ -122,7 +122,6 @@ def test_folded_released_and_folded_again(material):
     assert up.creases.dissipated > 1.5 * down.creases.dissipated
 
 
-@pytest.mark.slow
 def test_work_is_stored_or_heat():
     """Work of slowly growing loads is elastic energy, energy of hardening and heat."""
     shell = strip(cells=(8, 1))
