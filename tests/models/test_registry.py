@@ -35,7 +35,7 @@ def trees():
     """Of every file the nodes that the searches look at."""
     gc.disable()  # the collector would walk through these trees again and again, which takes four times as long
     try:
-        return {
+        yield {
             str(path.relative_to(REPOSITORY)): read(path.read_text(encoding="utf-8"))
             for package in ("modalshell", "studies", "paper_figures", "meshes")
             for path in sorted((REPOSITORY / package).rglob("*.py"))
