@@ -59,7 +59,7 @@ def remainders(body, state, name, value, answer):
     return np.array(errors) / np.linalg.norm(state.positions - body.shell.rest_positions)
 
 
-@pytest.mark.by_default("lma-material3-density")
+@pytest.mark.by_default("lma-material3-density", "mwts-material13-poisson")
 @pytest.mark.parametrize(("kind", "material", "name"), CASES)
 def test_the_derivative_by_a_constant_has_taylor_slope_two(known, kind, material, name):
     body, state = known(kind, material)
