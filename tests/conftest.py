@@ -167,6 +167,13 @@ def opengl():
         yield
 
 
+def pytest_sessionstart(session):
+    config = session.config
+    if hasattr(config, "workerinput") and config.args_source is pytest.Config.ArgsSource.TESTPATHS:
+        files = sorted(str(path) for path in (ROOT / "tests").rglob("test_*.py"))
+        config.args = collecting.own_first(files, **config.workerinput)
+
+
 def pytest_collection_modifyitems(config, items):
     for item in items:
         parameters = item.callspec.params if hasattr(item, "callspec") else {}
@@ -179,7 +186,8 @@ def pytest_collection_modifyitems(config, items):
         sizes: Counter[str] = Counter()
         for item in items:
             sizes[taken_together(item.nodeid)] += 20 if item.get_closest_marker("slow") else 1
-        items.sort(key=lambda item: (taken_together(item.nodeid) not in studies(), -sizes[taken_together(item.nodeid)]))
+        # then by name, for each process has met them in another order
+        items.sort(key=lambda item: place_of(item.nodeid, sizes))
 
 
 @pytest.hookimpl(wrapper=True)
@@ -207,6 +215,12 @@ def taken_together(nodeid):
     file, _, test = nodeid.partition("::")
     name = test.partition("[")[2].removesuffix("]")
     return name if name in studies() else file
+
+
+def place_of(nodeid, sizes):
+    """Where a test stands in the order of pytest-xdist, by how many tests are taken together."""
+    name = taken_together(nodeid)
+    return name not in studies(), -sizes[name], name, nodeid.partition("::")[0]
 
 
 @pytest.hookimpl(optionalhook=True)

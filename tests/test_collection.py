@@ -3,7 +3,7 @@
 from types import SimpleNamespace
 
 import pytest
-from collecting import KINDS, BuiltInCollectionError, leave_to_the_long_run
+from collecting import KINDS, BuiltInCollectionError, leave_to_the_long_run, own_first
 from scenes import Made, cantilever
 
 import modalshell as ms
@@ -62,3 +62,11 @@ def test_cases_that_are_not_named_are_slow():
     with pytest.raises(pytest.UsageError, match=r"test_a\.py::test_it: by_default names no case by \['four'\]"):
         leave_to_the_long_run([_Case("one", "one", "four")])
     leave_to_the_long_run([_Case("one", "one", "four")], partial=True)
+
+
+def test_processes_begin_with_other_files_and_collect_all():
+    files = [f"test_{number}.py" for number in range(7)]
+    orders = [own_first(files, f"gw{number}", 3) for number in range(3)]
+    assert [order[0] for order in orders] == ["test_0.py", "test_2.py", "test_4.py"]
+    assert all(sorted(order) == files for order in orders)
+    assert own_first(files, "gw3", 3) == files  # a process in place of one that crashed

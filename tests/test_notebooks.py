@@ -100,7 +100,7 @@ def test_pictures_are_drawn_shown_and_saved(v_basis, tmp_path):
         shown = one._repr_html_()
         assert shown.count("data:image/png;base64,") == 1
         assert type(one).__name__ in shown
-        assert ms.plot(one).data == drawn.data
+    assert ms.plot(mesh).data == mesh.plot().data
     assert "converged" in answer._repr_html_()
     assert f"{v_basis.frequencies[0]:.4g}" in v_basis._repr_html_()
     assert v_basis.plot(count=1).data != v_basis.plot().data

@@ -46,7 +46,7 @@ def without(folder, copy):
     return changed
 
 
-@pytest.mark.by_default("springs")
+@pytest.mark.slow
 @pytest.mark.parametrize("folder", NAMED_BY)
 def test_the_package_works_without_a_feature(folder, tmp_path):
     assert set(without(folder, tmp_path)) == NAMED_BY[folder]

@@ -125,6 +125,7 @@ MODELS = {
 """By name: how each is made of a shell, and the gravity [m/s^2] it is followed to."""
 
 
+@pytest.mark.by_default("consistent MWTS", "MD-ROM")
 @pytest.mark.parametrize("name", MODELS)
 def test_paths_end_at_the_models_own_answers(name):
     make, gravity = MODELS[name]

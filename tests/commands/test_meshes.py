@@ -204,6 +204,7 @@ def test_sheets_that_hang_by_a_vertex_are_refused_with_a_repair_that_works():
     assert softening(basis, 0.0 * GRAVITY) == (1.0, SAG)
 
 
+@pytest.mark.by_default("sheet-False", "v_beam-True")
 @pytest.mark.parametrize(("mesh", "buckles"), [(ms.sheet, False), (ms.v_beam, True), (ms.cylinder_panel, True)])
 def test_the_weight_sags_by_the_set_share_or_is_far_from_buckling(mesh, buckles):
     mesh = mesh(cells=(16, 4))

@@ -102,6 +102,7 @@ def test_shorter_steps_are_tried_until_the_conversion_holds(adapter):
     assert found.step == pytest.approx(period / STEPS[1])
 
 
+@pytest.mark.slow
 def test_a_calibrated_modulus_is_checked_on_another_strip(adapter):
     text = "\nfound['positions'] = [bent(1.3 / case['calibration'])]\nprint(json.dumps(found))"
     found = answered(adapter(ANSWER + text, calibrated=True), cantilever(), [(DOWN, None)])

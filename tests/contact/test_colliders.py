@@ -313,6 +313,7 @@ def test_drawn_surfaces_lie_on_their_colliders(kind):
     assert (outward[big] > 0.0).all() or (outward[big] < 0.0).all()
 
 
+@pytest.mark.by_default("True-collider0", "True-collider1", "False-collider2", "False-collider3", "False-collider4")
 @pytest.mark.parametrize(
     "collider",
     [

@@ -119,6 +119,7 @@ def test_a_bar_is_void_next_to_a_snap_over_a_ball():
     assert not (past.valid and past.displacement < 0.1)
 
 
+@pytest.mark.by_default("springs and hinges")
 def test_bars_that_cannot_be_are_refused_or_void_by_name(shell):
     state = ms.DiscreteShell(shell).equilibrium(gravity=GRAVITY, contacts=[FLOOR])
     rough = ms.Contact(FLOOR.collider, friction=0.2)

@@ -428,6 +428,7 @@ def held_sheet():
     return ms.Shell(mesh, material, clamped=mesh.vertices[:, 0] < 1e-6)
 
 
+@pytest.mark.by_default("linear_implicit")
 @pytest.mark.parametrize("kind", ["modal", "linear_implicit"])
 def test_colliders_that_leave_no_room_are_told(held_sheet, kind):
     """The advice was a finer mesh, at 1e8 times the energy of the weight."""

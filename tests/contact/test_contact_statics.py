@@ -36,6 +36,7 @@ def lifted(height, cells=40, length=4.0, width=0.4):
     return state, force, length - state.positions[x > length - 1e-9, 0].mean()
 
 
+@pytest.mark.by_default("0.05-1.04733-0.524144-0.001775")
 @pytest.mark.parametrize(
     ("height", "free", "force", "drawn"), [(0.05, 1.047330, 0.524144, 0.001775), (1.0, 2.362807, 1.286617, 0.347342)]
 )

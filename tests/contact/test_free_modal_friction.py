@@ -92,6 +92,7 @@ def speeds_to_strike(motion):
     return speeds
 
 
+@pytest.mark.by_default("0.3-MWTS", "1.0-LMA", "1.0-RSW")
 @pytest.mark.parametrize("name", RUNGS)
 @pytest.mark.parametrize("restitution", [0.3, 1.0])
 def test_a_flat_panel_rebounds_by_its_restitution(basis, name, restitution):

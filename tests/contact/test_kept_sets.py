@@ -197,7 +197,7 @@ def test_modal_models_and_modal_derivatives_keep_their_swing_on_a_cylinder(strip
         assert np.diff(whole)[touches[1:]].max() <= 2e-9 * np.ptp(run.energies[:, 2])
 
 
-@pytest.mark.by_default("RSW")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["RSW", "MD-ROM"])
 def test_what_steps_gain_is_given_back_and_not_damped(name):
     """Steps gain 1e-4 of what moves in half of a swing: implicit Euler stood in there, and a third of it was left."""

@@ -24,6 +24,7 @@ def led(model, end, move, contacts=(TABLE,), turn=None, **options):
     return model.equilibrium(gravity=GRAVITY, contacts=contacts, constraints=constraints, **options)
 
 
+@pytest.mark.by_default("move0", "move2")
 @pytest.mark.parametrize("move", [(0.2, 0.0, 0.2), (0.1, 0.3, 0.05), (0.5, 0.2, 0.0)])
 def test_a_free_sheet_is_dragged_over_a_table(move):
     shell, end = sheet()

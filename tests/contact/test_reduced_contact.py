@@ -35,7 +35,7 @@ def truth(shell):
     return ms.DiscreteShell(shell, integrator="bdf2")
 
 
-@pytest.mark.by_default("ball", "roller", "box")
+@pytest.mark.by_default("roller", "box")
 @pytest.mark.parametrize("name", COLLIDERS)
 def test_statics_on_a_collider_are_those_of_discrete_shells(shell, model, truth, name):
     contacts = [ms.Contact(COLLIDERS[name])]

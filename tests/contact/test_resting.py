@@ -62,6 +62,7 @@ def test_frames_at_rest_are_whole_frames(monkeypatch, shell, models, name, conta
     assert touched[0].deepest <= 1e-9
 
 
+@pytest.mark.by_default("rsw")
 @pytest.mark.parametrize("name", ["mwts", "rsw"])
 def test_motion_resumed_at_rest_has_the_same_bits(shell, models, name):
     whole, second = motion(shell, models[name], BODIES), motion(shell, models[name], BODIES)
@@ -103,6 +104,7 @@ def test_colliders_that_move_or_have_no_form_have_no_frames_at_rest(shell, model
         assert not resting(one)
 
 
+@pytest.mark.by_default("mwts", "reduced", "md-rom")
 @pytest.mark.parametrize("name", ["lma", "mwts", "rsw", "reduced", "md-rom"])
 def test_a_motion_from_where_the_model_rests_stays_there(shell, models, name):
     """Positions beyond the modes are pressed in anew: without that such a start counted as one inside the body."""

@@ -56,6 +56,7 @@ def test_a_block_sticks_up_to_coulombs_angle_and_slides_beyond_it(loose, coeffic
             assert "it slides" in state.message
 
 
+@pytest.mark.by_default("2e-06-0.1", "0.05--0.1")
 @pytest.mark.parametrize("beyond", [-0.1, 0.1])
 @pytest.mark.parametrize("gap", [2e-6, 0.05])
 def test_a_free_sheet_above_a_slope_comes_down_on_it_before_it_is_held_or_slides(loose, beyond, gap):
@@ -144,6 +145,7 @@ def test_the_answer_obeys_the_law_and_stays_where_it_is(collider):
     np.testing.assert_allclose(again.positions, state.positions, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_stick_and_slip_settle_under_a_load_that_rounding_nearly_hides():
     mesh = ms.flat_beam(length=1.0, width=0.2, cells=(20, 4))
     shell = ms.Shell(mesh, ms.Isotropic(1e7, 0.3, 1e-3, 500.0), clamped=mesh.vertices[:, 0] < 1e-9)
@@ -159,6 +161,7 @@ def test_stick_and_slip_settle_under_a_load_that_rounding_nearly_hides():
     assert outcomes == [ms.Outcome.CONVERGED, ms.Outcome.ROUNDING_LIMITED]
 
 
+@pytest.mark.slow
 def test_without_a_coefficient_the_way_there_is_not_asked_for(loose):
     shell = ms.Shell(loose.mesh, ms.Isotropic(YOUNG, 0.0, THICKNESS, density=DENSITY), clamped="x < 1e-6")
     state = ms.DiscreteShell(shell).equilibrium(

@@ -44,6 +44,7 @@ def test_modal_models_strike_moving_colliders_alike(kind):
         assert np.abs(found - given).max() <= 1e-7 * 0.3
 
 
+@pytest.mark.by_default("modal")
 @pytest.mark.parametrize("kind", ["full", "modal"])
 def test_what_sticks_creeps_alike(kind):
     runs = []

@@ -36,6 +36,7 @@ def loaded(basis, count, **options):
     return ms.Crowd(basis, count, damping=(1.0, 1e-3), **options), felt
 
 
+@pytest.mark.by_default("1-LinearModal-1", "2-ModalWarping-None")
 @pytest.mark.parametrize("hardly", [None, 1])
 @pytest.mark.parametrize(("level", "model"), [(1, ms.LinearModal), (2, ms.ModalWarping)])
 def test_a_batch_is_its_single_runs(basis, level, model, hardly):
@@ -62,6 +63,7 @@ def test_a_batch_is_its_single_runs(basis, level, model, hardly):
         assert np.abs(positions[b] - single).max() <= 1e-12 * reach
 
 
+@pytest.mark.slow
 def test_an_instance_does_not_depend_on_its_batch(basis):
     crowd, felt = loaded(basis, 70)
     crowd.levels[:] = np.arange(70) % 3
@@ -162,6 +164,7 @@ def test_coordinates_may_be_of_any_layout_and_type(basis):
     np.testing.assert_array_equal(crowd.positions(), twin.positions())
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="looks for x86-64 instructions")
 def test_the_kernels_are_packed():
     """All multiplications of a pair of instances are, and no array is counted in the loops."""

@@ -63,6 +63,7 @@ def taken_apart(powers, kept):
     return [odd[-1], *even[::-1], *inner, *nodes, *powers[:kept][::-1]]
 
 
+@pytest.mark.by_default("line1-third-interval1-12-2", "line4-half-interval4-8-2", "line6-half-interval6-5-1")
 @pytest.mark.parametrize(
     ("line", "function", "interval", "count", "kept"),
     [
@@ -83,6 +84,7 @@ def test_the_constants_are_the_fit_taken_apart(line, function, interval, count, 
         assert all(abs(mpf(float(a)) / b - 1) < precision for a, b in zip(line, exact, strict=True))
 
 
+@pytest.mark.by_default("float64-1e-15")
 @pytest.mark.parametrize(("dtype", "bound"), [(np.float64, 1e-15), (np.float32, 1.5e-7)])
 def test_they_hold_over_the_interval(dtype, bound):
     squared = np.linspace(0.0, 4 * np.pi**2, 3008).astype(dtype)

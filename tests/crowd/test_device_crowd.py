@@ -23,6 +23,7 @@ def basis():
     return ms.solve_modes(ms.Shell(mesh, material, clamped=mesh.vertices[:, 2] <= 0.0), 10)
 
 
+@pytest.mark.by_default("0.4-360.0-float32-cpu", "2.0-360.0-float64-cpu", "100.0-230.0-float32-cpu")
 @pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("dtype", PRECISIONS)
 @pytest.mark.parametrize(("radius", "angle"), [(0.4, 360.0), (2.0, 360.0), (2.0, 230.0), (100.0, 230.0)])

@@ -81,6 +81,7 @@ def test_a_boid_flies_straight_to_where_it_heads():
     np.testing.assert_allclose(flock.velocities, [(-2, 0, 0)], atol=1e-14)
 
 
+@pytest.mark.slow
 def test_speed_noise_is_smooth_and_bounded():
     flock = Flock(np.zeros((400, 3)), np.tile(X, (400, 1)), speed=2.0, speed_variation=0.25, noise_frequency=1.0)
     speeds = []

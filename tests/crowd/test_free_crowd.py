@@ -80,6 +80,7 @@ def test_a_batch_is_its_single_runs(basis, level):
         np.testing.assert_allclose(crowd.turn_back[b], back, rtol=0, atol=1e-9)
 
 
+@pytest.mark.by_default("one", "held beside")
 def test_a_simulated_sheet_falls_and_springs_as_the_crowd_does(basis):
     shell = basis.shell
     x, y, _ = shell.rest_positions.T
@@ -91,6 +92,7 @@ def test_a_simulated_sheet_falls_and_springs_as_the_crowd_does(basis):
     np.testing.assert_allclose(positions[0], run.positions[-1], rtol=0, atol=1e-10)
 
 
+@pytest.mark.by_default("two", "held beside")
 def test_a_rigid_instance_flies_as_one_of_lma(basis):
     q, v = started(basis, 2)
     crowd, linear = (ms.Crowd(basis, 2, damping=DAMPING) for _ in range(2))

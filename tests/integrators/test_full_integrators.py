@@ -120,7 +120,7 @@ def test_a_wind_carries_a_free_sheet_along_to_the_order_of_the_rule(rule):
     share = shell.loading(None, None, [load]).force(mesh.vertices)[:, 2].sum() / shell.mass.sum() / wind**2
     way, model = wind * time - np.log1p(share * wind * time) / share, ms.SpringSheet(shell, integrator=rule)
     errors = []
-    for steps in (40, 80, 160):
+    for steps in (40, 80):
         run = ms.simulate(model, duration=time, dt=time / steps, loads=[load])
         errors.append(abs(shell.mass @ run.positions[-1, :, 2] / shell.mass.sum() - way))
     order = 1.0 if rule == "linear_implicit" else 2.0

@@ -104,7 +104,7 @@ def moved_support(time):
     return (0.0, 0.0, 0.05 * np.sin(7.0 * time) ** 2), (0.0, 0.5 * np.sin(5.0 * time) ** 2, 0.0)
 
 
-@pytest.mark.by_default("held-gust", "held-wind")
+@pytest.mark.by_default("held-wind")
 @pytest.mark.parametrize(
     ("which", "what"),
     [("held", "gust"), ("held", "wind"), ("held", "supports"), ("free", "gust"), ("free", "wind")],

@@ -172,6 +172,7 @@ def test_cantilevers_drop_as_euler_and_bernoulli_say(cantilever, load, drop):
     assert np.abs(reactions.sum(axis=0) + force.sum(axis=0)).max() <= 1e-8 * scale
 
 
+@pytest.mark.by_default("clamped-line-0.0026041666666666665", "pinned-weight-0.013020833333333334")
 @pytest.mark.parametrize(
     ("ends", "load", "share"),
     [
@@ -202,6 +203,7 @@ def test_strips_between_two_ends_sag_as_euler_and_bernoulli_say(ends, load, shar
     assert -(state.positions - mesh.vertices)[middle, 2].mean() == pytest.approx(share * small / RIGIDITY, rel=0.01)
 
 
+@pytest.mark.by_default("tip-0.05-0.01", "moment-0.05-0.01", "weight-0.2-0.025")
 @pytest.mark.parametrize(("width", "bound"), [(0.05, 0.01), (0.2, 0.025)])
 @pytest.mark.parametrize("load", ["tip", "moment", "weight"])
 def test_cantilevers_of_calibrated_hinges_drop_so_too(load, width, bound):

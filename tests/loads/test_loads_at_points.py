@@ -93,6 +93,7 @@ def across(points, _):
     return np.array([0.0, 0.0, 30.0]) * points[:, 1:2]
 
 
+@pytest.mark.by_default("LinearModal")
 @pytest.mark.parametrize("rung", [ms.LinearModal, ms.RotationStrain])
 def test_wind_that_cancels_over_the_shell_twists_it_alone(rung):
     """A strip bends far more easily than it twists: what points err by must not pass for a force that bends it."""
@@ -120,6 +121,7 @@ class Counted:
         return self.factor.solve(right_side)
 
 
+@pytest.mark.by_default("supports0", "supports1")
 @pytest.mark.parametrize(
     "supports", [[ms.Clamp("x < 0.02")], [ms.Clamp("x < 0.02"), ms.Roller("x > 0.99", (0, 1, 1))], []]
 )

@@ -57,6 +57,7 @@ def test_files_with_junctions_and_one_sided_strips(tmp_path):
             np.testing.assert_array_equal(load_mesh(path).faces, mesh.faces)
 
 
+@pytest.mark.by_default("camel_25830.ply")
 @pytest.mark.parametrize("name", ["dino_25830.ply", "camel_25830.ply"])
 def test_shared_models(name):
     if not (SHARED / name).exists():

@@ -185,6 +185,7 @@ def test_junctions_and_one_sided_surfaces_are_cut_only_where_that_is_asked_for(k
     assert len(mesh.joints.edges) == 0
 
 
+@pytest.mark.by_default("repeated faces", "missing vertices", "one-sided", "needle")
 @pytest.mark.parametrize("kind", DAMAGES)
 def test_what_is_kept_has_the_area_of_the_sheet(kind):
     vertices, faces = DAMAGES[kind](*sheet(), np.random.default_rng(2))
@@ -197,6 +198,7 @@ def test_what_is_kept_has_the_area_of_the_sheet(kind):
     assert report.dropped_parts == mesh.components.max()
 
 
+@pytest.mark.by_default("1e-07-False", "1e-09-True", "1e-11-False")
 @pytest.mark.parametrize("corner", [False, True])
 @pytest.mark.parametrize("height", [1e-7, 1e-9, 1e-11])
 def test_triangles_too_thin_for_modes_are_taken_away(height, corner):
@@ -402,6 +404,7 @@ def test_what_cannot_be_repaired_is_refused(vertices, faces, match):
         ms.repair(vertices, faces)
 
 
+@pytest.mark.by_default("12", "14", "23", "30")
 @pytest.mark.parametrize("seed", range(40))
 def test_triangles_at_random_become_sheets(seed):
     """Few points and many triangles among them: hardly an edge has two faces, and hardly a vertex one fan."""

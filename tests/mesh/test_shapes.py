@@ -24,6 +24,7 @@ def quality(mesh):
     return 4 * np.sqrt(3) * mesh.face_areas / sides
 
 
+@pytest.mark.by_default("cells0-alternating", "cells1-delaunay", "cells3-equilateral", "cells4-union-jack")
 @pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize("cells", [(1, 1), (1, 4), (3, 1), (4, 2), (7, 5), (12, 6)])
 def test_rectangle_is_filled_exactly(family, cells):
@@ -89,6 +90,7 @@ def test_delaunay_is_unstructured_and_repeatable():
     assert len(mesh.vertices) == len(lloyd.vertices)
 
 
+@pytest.mark.by_default("flat_beam-alternating", "v_beam-right", "sheet-union-jack", "cylinder_panel-equilateral")
 @pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize("shape", SHAPES)
 def test_every_shape_is_a_disc_facing_up(shape, family):
@@ -99,6 +101,7 @@ def test_every_shape_is_a_disc_facing_up(shape, family):
     assert quality(mesh).min() > 0.15
 
 
+@pytest.mark.by_default("alternating", "union-jack", "right")
 @pytest.mark.parametrize("family", FAMILIES)
 def test_flat_beam_and_sheet(family):
     mesh = flat_beam(length=2.0, width=0.5, cells=(16, 5), family=family)
@@ -109,6 +112,7 @@ def test_flat_beam_and_sheet(family):
     assert sheet(family=family).area == pytest.approx(1.0, rel=1e-13)
 
 
+@pytest.mark.by_default("60.0-right", "150.0-equilateral", "150.0-union-jack", "180.0-alternating")
 @pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize("fold", [60.0, 150.0, 180.0])
 def test_v_beam_geometry(family, fold):

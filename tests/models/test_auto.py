@@ -186,6 +186,7 @@ def test_a_load_that_no_mode_feels_is_part_of_what_is_known(monkeypatch):
     assert worst(strip, under_a_push(ms.Auto(strip), thickness, 1.3), runs[1]) > 0.05
 
 
+@pytest.mark.by_default("1e-156")
 @pytest.mark.parametrize("weight", [1e-150, 1e-156])
 def test_weights_of_almost_nothing_move_it(weight):
     sheet = ms.Isotropic(2e11, 0.3, 0.002, 7850.0)
@@ -255,6 +256,7 @@ def test_a_sudden_load_whose_static_answer_is_lost_starts_on_ds(kind):
     assert "to DS at 0 s" in run.message
 
 
+@pytest.mark.slow
 def test_a_force_at_once_on_a_thin_plate_leaves_no_false_energy_to_ds():
     """Three frames by a modal rung, before its first check, are so far off that DS would have twice the energy."""
     mesh = ms.flat_beam(length=1.0, width=0.8, cells=(8, 6))
@@ -430,6 +432,7 @@ def test_compiled_steps_of_its_last_level_are_those_of_ds(sheet):
     assert FullLevel(exact).stepper(following).model.name == "DS"
 
 
+@pytest.mark.slow
 def test_vertices_at_one_place_stay_apart_on_the_last_level():
     """Two sheets along a seam that is not welded: the one without load rests."""
     two = np.array([[0.0, 0.5, 0.0], [0.0, 0.0, 0.0]])[:, None]
@@ -477,6 +480,7 @@ def test_what_it_does_not_take_is_refused(beam):
         ms.Auto(beam, error=0.5)
 
 
+@pytest.mark.by_default("load0")
 @pytest.mark.parametrize("load", [ms.SelfWeight((0.0, 0.0, -0.3)), ms.Wind((0.0, 0.1, 2.0), density=1.2)])
 def test_a_motion_among_known_states_resumes_to_the_same_bits(load):
     sheet = ms.Isotropic(2e11, 0.3, 0.002, 7850.0)

@@ -199,13 +199,14 @@ def test_trust_ends_where_states_grow_or_fine_checks_differ(fine, coarse):
     assert np.isfinite(check.compared(found, lost, x, 1.0, 0.02, known)).all()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("large")
 def test_a_motion_checked_on_a_coarse_shell_resumes_to_the_same_bits(fine, coarse):
-    setting = swinging(fine, 0.05, 100)
+    setting = swinging(fine, 0.05, 60)
     loading = fine.loading(None, None, setting["loads"])
     model = ms.Auto(fine, coarse=coarse.coarse_shell)
     whole, resumed = (Motion(model, loading, dt=setting["dt"]) for _ in range(2))
-    for step in range(100):
+    for step in range(60):
         whole.advance()
         if step >= 45 and not resumed.count and whole.state.memory["agreed"][2] > 0.0:
             resumed.restore(whole.snapshot())

@@ -38,6 +38,7 @@ class Bounded(ModalModel):
         return self.scale(q) * (self.basis.modes @ q).reshape(-1, 3)
 
 
+@pytest.mark.by_default("True-lma", "True-rsw", "False-mwts-consistent")
 @pytest.mark.parametrize("key", [key for key, spec in MODELS.items() if spec.needs == "basis"])
 @pytest.mark.parametrize("held", [True, False])
 def test_the_models_of_the_package_pass(key, held):

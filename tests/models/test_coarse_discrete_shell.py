@@ -35,7 +35,7 @@ def shell(cells, fold, membrane=20.0):
     return ms.Shell(mesh, ms.Material(membrane, membrane, 0.05, 0.2), mesh.vertices[:, 0] < CLAMP)
 
 
-@pytest.mark.by_default("180.0")
+@pytest.mark.slow
 @pytest.mark.parametrize("fold", [150.0, 180.0])
 def test_calibrated_it_follows_the_fine_shell_through_large_bends(fold):
     fine = shell((40, 8), fold)
@@ -64,6 +64,7 @@ def test_it_follows_the_stiff_beam_through_its_snap():
     assert ms.measure.displacement_error(answer.positions, exact.positions, fine) < 0.06
 
 
+@pytest.mark.slow
 def test_membrane_and_flexure_are_scaled_to_a_mode_each():
     wide = ms.v_beam(length=1.0, width=0.4, fold=120.0, cells=(32, 12))
     fine = ms.Shell(wide, ms.Material(2000.0, 2000.0, 0.05, 0.2), wide.vertices[:, 0] < 1.5 / 32)
@@ -251,6 +252,7 @@ def test_closest_points_are_found_over_each_triangle():
     assert distance[0] == pytest.approx(0.1)
 
 
+@pytest.mark.by_default("damping0-bdf2", "damping0-composite", "damping1-implicit")
 @pytest.mark.parametrize("integrator", ["bdf2", "composite", "implicit"])
 @pytest.mark.parametrize("damping", [(0.0, 0.0), (2.0, 0.002)])
 def test_compiled_steps_are_those_of_discrete_shells(damping, integrator):
@@ -447,8 +449,8 @@ def test_a_light_strip_in_a_strong_wind_is_followed_by_long_steps(speed, most, h
         model = ms.HybridStress.trained(fine, gravity=(0.0, 0.0, -1.0), coarse=small, motions=8)
     wind = {"loads": [ms.Wind((0.3 * speed, 0.0, -speed), density=1.2)], "damping": (0.5, 0.0)}
     tip = fine.mesh.vertices[:, 0] > 0.999
-    long, short = (ms.simulate(model, duration=0.6, dt=1.0 / (30 * parts), **wind) for parts in (1, 8))
-    off = (long.positions - short.positions[::8])[:, tip, 2].mean(axis=1)
+    long, short = (ms.simulate(model, duration=0.6, dt=1.0 / (30 * parts), **wind) for parts in (1, 4))
+    off = (long.positions - short.positions[::4])[:, tip, 2].mean(axis=1)
     assert np.abs(off).max() < most  # 0.064 and 0.64 where the wind does not fall as the strip gives way
     assert np.abs(long.positions[..., 0]).max() < 1.02
     assert not long.unconverged_steps

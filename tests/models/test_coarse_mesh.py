@@ -102,6 +102,7 @@ def test_clamped_points_and_lines_inside_get_vertices(monkeypatch):
         ms.coarse_shell(ms.Shell(mesh, MATERIAL, middle), 128)  # it lies on the edge across from the nearest vertex
 
 
+@pytest.mark.by_default("panel", "leaf")
 @pytest.mark.usefixtures("meshlab")
 @pytest.mark.parametrize("name", ["flat", "folded", "panel", "leaf"])
 def test_prolongation_from_meshes_that_are_not_nested(name, leaf):

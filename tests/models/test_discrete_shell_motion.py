@@ -26,6 +26,7 @@ def small_shell():
 DAMPINGS = [Damping(), Damping(3.0, 1e-3), Damping(0.0, 1e-2), Damping(50.0, 0.0)]
 
 
+@pytest.mark.by_default("damping0", "damping3")
 @pytest.mark.parametrize("damping", DAMPINGS)
 def test_stable_step_is_the_limit_of_explicit_euler(damping):
     """A rounding-size disturbance stays small 4 % below the estimate and grows 4 % above it."""
@@ -140,6 +141,7 @@ def test_free_fall_is_exact():
     np.testing.assert_allclose(run.positions, shell.rest_positions + fallen[:, None], rtol=0, atol=2e-12 * 20.0)
 
 
+@pytest.mark.by_default("20.0-0.001", "200.0-1e-05")
 @pytest.mark.parametrize(("speed", "dt"), [(20.0, 1e-3), (20.0, 1e-6), (200.0, 1e-5)])
 def test_short_steps_of_a_fast_shell_feel_gravity(speed, dt):
     """The inertia of a step grows as speed over dt; what counts as balanced must not swallow the load for it."""

@@ -130,6 +130,7 @@ SURFACES = Made(
 )
 
 
+@pytest.mark.by_default("jittered", "folded")
 @pytest.mark.parametrize("surface", SURFACES)
 def test_a_sample_of_the_surface_misses_no_distortion(surface, monkeypatch):
     mesh = SURFACES[surface]

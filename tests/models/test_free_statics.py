@@ -135,7 +135,7 @@ def test_a_free_shell_without_a_load_rests(free):
         assert (answer.converged, answer.stable) == (True, True)
 
 
-@pytest.mark.by_default("1.0-support0-False", "1.0-support1-False", "1.0001-support3-True", "2.0-support2-False")
+@pytest.mark.by_default("1.0-support1-False", "1.0001-support3-True")
 @pytest.mark.parametrize(
     ("support", "pulled"),
     [
@@ -187,6 +187,7 @@ def test_a_free_balloon_that_buckles_is_not_called_stable_at_its_saddle():
     assert not answer.stable or np.ptp(radii) > 0.05
 
 
+@pytest.mark.by_default("-10000.0")
 @pytest.mark.parametrize("pressure", [1e5, -1e4])
 def test_a_free_balloon_of_a_coarse_shell_finds_its_fixed_point(pressure):
     """Under dead loads between two looks at the pressure it turned, as these have a lowest side: it never settled."""

@@ -146,7 +146,7 @@ def test_loads_and_states_that_it_cannot_hold_go_to_the_coarse_shell(shell, hybr
     assert state.coordinates.ndim == 1
 
 
-@pytest.mark.by_default("0-0.1-direction2", "0-0.1-direction3", "20-0.1-direction0", "70-0.3-direction1")
+@pytest.mark.by_default("20-0.1-direction0", "70-0.3-direction1")
 @pytest.mark.parametrize("direction", [(0, 0, -1), (0, 0, 1), (0, 1, 0), (1, 0, 0)])
 @pytest.mark.parametrize(("gravity", "share"), [(0, 0.1), (20, 0.1), (20, 0.3), (70, 0.3)])
 def test_a_corner_force_is_handed_over_before_the_start_or_met(shell, hybrid, gravity, share, direction):

@@ -126,6 +126,7 @@ def test_linear_drop_of_a_strip_is_an_eighth_of_gamma():
 # ---- MWTS
 
 
+@pytest.mark.by_default("1e-06", "0.01")
 @pytest.mark.parametrize("scale", [1e-6, 0.01, 0.3, 1.0])
 def test_warped_displacement_is_the_integral_of_rotations(v_basis, scale):
     model = ModalWarping(v_basis)
@@ -148,6 +149,7 @@ def test_modal_force_is_the_load_turned_back(v_basis, scale):
     np.testing.assert_allclose(model.modal_force(q, load), expected, rtol=0, atol=1e-12 * np.abs(expected).max())
 
 
+@pytest.mark.by_default("flat")
 @pytest.mark.parametrize("scene", ["v_beam", "flat"])
 def test_warping_meets_the_linear_answer_at_second_order(scene, v_basis, flat):
     basis = v_basis if scene == "v_beam" else flat[0]
@@ -161,6 +163,7 @@ def test_warping_meets_the_linear_answer_at_second_order(scene, v_basis, flat):
     assert np.polyfit(np.log(loads), np.log(differences), 1)[0] == pytest.approx(2.0, abs=0.1)
 
 
+@pytest.mark.by_default("0.5", "4.0")
 @pytest.mark.parametrize("gamma", [0.5, 4.0, 16.0, 50.0])
 def test_warped_statics_balances(flat, gamma):
     basis, unit = flat

@@ -23,6 +23,7 @@ def reduced(basis):
     return ms.ReducedRotationStrain.trained(ms.RotationStrain(basis), [(0, 0, -g) for g in (2.0, 4.0, 8.0)], rank=6)
 
 
+@pytest.mark.by_default("LMA-2.0", "MWTS-0.5", "consistent free-5.0", "reduced RSW-1e-06")
 @pytest.mark.parametrize("turn", [1e-6, 0.5, 2.0, 5.0])
 @pytest.mark.parametrize(
     ("make", "scene"),

@@ -31,6 +31,7 @@ SHELLS = {
 }
 
 
+@pytest.mark.by_default("pinned panel of hinges", "flat strip")
 @pytest.mark.parametrize("kind", SHELLS)
 def test_they_are_those_of_sparse_algebra(kind):
     """Eight states of each shell, moved by up to half its size; margins below the least that holds, too."""
@@ -54,6 +55,7 @@ def test_they_are_those_of_sparse_algebra(kind):
     assert min(margins) < 0.3
 
 
+@pytest.mark.by_default("pinned panel of hinges", "flat strip")
 @pytest.mark.parametrize("kind", SHELLS)
 def test_early_margins_are_near_and_small_ones_the_same(kind):
     """Shapes near those of DS, as a check of a good rung sees them, from far below a snap to beyond it."""

@@ -132,12 +132,14 @@ def through(shell, integrator, damping):
     return apart / moved
 
 
+@pytest.mark.by_default("damping0-composite", "damping0-implicit", "damping1-bdf2")
 @pytest.mark.parametrize("integrator", ["bdf2", "composite", "implicit"])
 @pytest.mark.parametrize("damping", [(0.0, 0.0), (2.0, 0.002)])
 def test_motions_are_those_of_sparse_steps(integrator, damping):
     assert through(beam(ISOTROPIC), integrator, damping) < 1e-8  # steps are solved to 1e-10 of their push
 
 
+@pytest.mark.by_default("orthotropic", "free")
 @pytest.mark.parametrize("name", ["orthotropic", "laminate", "fabric", "junction", "free"])
 def test_motions_of_other_shells_are_too(name):
     assert through(SHELLS[name](), "bdf2", (2.0, 0.002)) < 1e-8  # steps are solved to 1e-10 of their push
@@ -192,6 +194,7 @@ def test_a_shell_that_is_too_large_is_seen_by_its_edges_alone(monkeypatch):
     assert numbered == [len(plate.mass) for plate in plates[:2]]
 
 
+@pytest.mark.by_default("alternating")
 @pytest.mark.parametrize("family", ["alternating", "delaunay"])
 def test_shares_by_threes_take_fewer_products_than_one_by_one(family):
     """On meshes without a grid an order found again for the threes took 1.4 times as many, and coarse shells 3."""

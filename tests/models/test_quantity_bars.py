@@ -14,6 +14,7 @@ def shell():
     return ms.Shell(mesh, ms.Isotropic(young=1e8, poisson=0.3, thickness=1e-3, density=200.0), "x < 0.001")
 
 
+@pytest.mark.by_default("RotationStrain")
 @pytest.mark.parametrize("model", [ms.LinearModal, ms.RotationStrain])
 def test_they_are_what_ds_finds(shell, model):
     rung, truth = model(ms.solve_modes(shell, 8)), ms.DiscreteShell(shell)
@@ -34,6 +35,7 @@ def test_they_are_what_ds_finds(shell, model):
     assert " % from DS (" in str(bars["tip"])
 
 
+@pytest.mark.by_default("gravity0", "gravity1")
 @pytest.mark.parametrize("gravity", [(0.0, 0.0, -40.0), (0.0, 0.0, -60.0), (0.0, 18.0, -60.0)])
 def test_they_hold_where_the_load_draws_the_sheet_out(gravity):
     """Steps without its stresses went too far: tips were up to 35 % off, stresses five times too large."""
@@ -76,6 +78,7 @@ def test_frequencies_of_answers_far_off_are_those_of_ds():
     assert bar.value < 0.95 * exact
 
 
+@pytest.mark.by_default("True")
 @pytest.mark.parametrize("conservative", [False, True])
 def test_frequencies_hold_the_stiffness_of_loads_that_follow(conservative):
     """DS was 1.6 % off itself: its own frequency left it out, and the other took half of an unsymmetric matrix."""

@@ -59,7 +59,7 @@ def remainders(body, state, name, value, answer):
     return np.array(errors) / np.linalg.norm(state.positions - body.shell.rest_positions)
 
 
-@pytest.mark.by_default("lma-material3-density")
+@pytest.mark.by_default("lma-material3-density", "mwts-material13-poisson")
 @pytest.mark.parametrize(("kind", "material", "name"), CASES)
 def test_the_derivative_by_a_constant_has_taylor_slope_two(known, kind, material, name):
     body, state = known(kind, material)
@@ -77,6 +77,7 @@ def test_the_derivative_by_a_constant_has_taylor_slope_two(known, kind, material
         assert (np.abs(orders - 2.0) < 0.2).all(), orders
 
 
+@pytest.mark.by_default("consistent", "rsw")
 @pytest.mark.parametrize("kind", [*MAKERS, "md"])
 def test_the_derivative_by_the_load_has_taylor_slope_two(known, kind):
     body, state = known(kind, SHEET)
@@ -93,6 +94,7 @@ def test_the_derivative_by_the_load_has_taylor_slope_two(known, kind):
     np.testing.assert_allclose(slope, body.sensitivity(state, wrt="load")[..., 0], atol=1e-9 * np.abs(slope).max())
 
 
+@pytest.mark.by_default("consistent", "md")
 @pytest.mark.parametrize("kind", [*MAKERS, "md"])
 def test_the_adjoint_equals_the_forward_solve(known, kind):
     body, state = known(kind, SHEET)
@@ -111,6 +113,7 @@ def on_the_same_span(body, shell):
     return other
 
 
+@pytest.mark.by_default("material0-stretch", "material1-shear", "material2-flexure")
 @pytest.mark.parametrize(("material", "name"), [case for case in CONSTANTS if case[1] != "density"])
 def test_the_derivative_of_the_derivative_basis_at_a_held_span_has_taylor_slope_two(known, material, name):
     body, state = known("md", material)

@@ -68,16 +68,10 @@ OTHERS = [(m, name) for m in (PLAIN, SHEET) for name in ("gravity", "load", "for
 
 
 @pytest.mark.by_default(
-    "material0-stretch",
     "material1-shear",
     "material2-flexure",
     "material3-density",
-    "material4-young",
-    "material5-poisson",
-    "material6-thickness",
-    "material8-gravity",
     "material9-load",
-    "material10-force",
     "material11-rest_angles",
     "material12-supports",
 )
@@ -124,6 +118,7 @@ def test_the_derivative_by_forces_has_taylor_slope_two(states, material):
     assert (np.abs(orders_of(errors) - 2.0) < 0.25).all(), errors
 
 
+@pytest.mark.by_default("material0")
 @pytest.mark.parametrize("material", [PLAIN, SHEET])
 def test_the_derivative_by_rest_angles_has_taylor_slope_two(states, material):
     body, state = model(material), states[material]

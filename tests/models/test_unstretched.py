@@ -19,6 +19,7 @@ def strip(supports, fold=None):
 BOTH = [ms.Clamp("x < 0.06"), ms.Clamp("x > 0.94")]
 
 
+@pytest.mark.by_default("RotationStrain")
 @pytest.mark.parametrize("model", MODELS)
 def test_it_is_said_where_ds_is_a_tenth_stiffer_and_not_before(model):
     shell = strip(BOTH)

@@ -28,6 +28,7 @@ def coupled(size, first, apart, odd):
     return sps.csc_array(0.5 * (half + half.T) + coupling), mass
 
 
+@pytest.mark.by_default("0.0-0.0-False-5-40", "1e-09-0.0-False-0-40", "0.0-1.0-True-0-40", "0.01-0.55-True-0-250")
 @pytest.mark.parametrize("size", [40, 250])
 @pytest.mark.parametrize("first", [0, 5])
 @pytest.mark.parametrize(
@@ -48,7 +49,7 @@ def test_vibrations_flutter_where_the_odd_half_is_half_their_distance(size, firs
     assert flutters(matrix, factor, mass) is complex_pair
 
 
-@pytest.mark.by_default("1.0-seeds4")
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("strength", "seeds"), [(0.003, range(6)), (0.01, range(6)), (0.03, range(6)), (0.1, range(6)), (1.0, (19, 27, 35))]
 )
@@ -92,6 +93,7 @@ def test_pressure_on_a_closed_shell_never_makes_modes_flutter(make):
     assert state.stable
 
 
+@pytest.mark.by_default("RotationStrain")
 @pytest.mark.parametrize("make", [lambda basis: ms.ModalWarping(basis, consistent_force=True), ms.RotationStrain])
 def test_modal_tangents_know_how_loads_follow_far_turns(make):
     """The vertices' velocities were those of rows that leave out how the turns move them: -120 for 110 1/s^2."""

@@ -118,6 +118,7 @@ def test_motions_under_loads_that_follow_take_few_factors_to_the_same_answer(mon
     assert np.abs(positions - exact).max() < 1e-6 * np.abs(exact - mesh.vertices).max()
 
 
+@pytest.mark.slow
 def test_single_precision_serves_where_it_can(matrix):
     factoriser, right_side = Factoriser("cholesky"), np.random.default_rng(1).standard_normal(matrix.shape[0])
     rough, exact = factoriser.rough(matrix), factoriser.definite(matrix)

@@ -214,6 +214,7 @@ def becks_frequencies(load):
     return [brentq(left, grid[k], grid[k + 1]) for k in np.flatnonzero(np.diff(signs))]
 
 
+@pytest.mark.by_default("10.0")
 @pytest.mark.parametrize("load", [10.0, 18.0])
 def test_a_follower_force_draws_the_frequencies_of_becks_column_together(load):
     shell = column("clamped")
@@ -233,6 +234,7 @@ def test_a_follower_force_draws_the_frequencies_of_becks_column_together(load):
         solve_modes(shell, 6, about=replace(state, positions=pressed, loading=past))
 
 
+@pytest.mark.by_default("load0", "load2")
 @pytest.mark.parametrize(
     "load",
     [Pressure(5.0), EdgeMoment(TIP, 1.0), FrameInertia((0.0, 0.0, 0.1), (0.0, 3.0, 0.0)), Wind((0.0, 1.0, 3.0))],

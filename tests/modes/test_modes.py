@@ -290,6 +290,7 @@ def test_free_square_plate_has_the_hinge_spectrum(family, cells):
     np.testing.assert_allclose(numbers, DATA["free_square_plate_hinge"]["lambda"], rtol=0.01)
 
 
+@pytest.mark.by_default("right-cells2-0.2", "union-jack-cells3-0.2")
 @pytest.mark.parametrize(
     ("family", "cells", "width"),
     [("equilateral", (23, 4), 0.2), ("lloyd", (23, 4), 0.2), ("right", (20, 4), 0.2), ("union-jack", (20, 4), 0.2)],

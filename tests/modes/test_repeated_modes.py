@@ -80,6 +80,7 @@ def by_blocks(monkeypatch):
     monkeypatch.setattr(eigenpairs, "_LARGE", 0)
 
 
+@pytest.mark.by_default("2-6-clamped", "3-9-clamped", "3-4-free")
 @pytest.mark.usefixtures("by_blocks")
 @pytest.mark.parametrize("held", [True, False], ids=["clamped", "free"])
 @pytest.mark.parametrize(("copies", "elastic"), [(2, 6), (3, 9), (4, 10), (3, 4)])
@@ -99,6 +100,7 @@ def test_more_copies_than_one_vector_or_a_block_finds(copies, large, monkeypatch
     check_copies(copies, False, copies + 1, None, (12, 4))
 
 
+@pytest.mark.by_default("1e-05")
 @pytest.mark.usefixtures("by_blocks")
 @pytest.mark.parametrize("thin", [1e-5, 3e-5])
 def test_solves_that_are_not_symmetric_do_not_make_wrong_modes(thin):
@@ -111,7 +113,7 @@ def test_solves_that_are_not_symmetric_do_not_make_wrong_modes(thin):
     np.testing.assert_allclose(solved(shell, 10, backend="superlu").eigenvalues, exact, rtol=1e-5)
 
 
-@pytest.mark.by_default("1-clamped-cholesky", "6-free-superlu", "7-clamped-cholesky", "18-clamped-cholesky")
+@pytest.mark.by_default("6-free-superlu", "7-clamped-cholesky")
 @every_backend
 @pytest.mark.parametrize("held", [True, False], ids=["clamped", "free"])
 @pytest.mark.parametrize("elastic", [1, 6, 7, 18])
@@ -166,6 +168,7 @@ def test_modes_that_did_not_converge_are_found_beside_the_others(monkeypatch):
     np.testing.assert_allclose(gram, np.eye(8), atol=1e-10)
 
 
+@pytest.mark.by_default("missed0", "missed1")
 @pytest.mark.usefixtures("by_blocks")
 @pytest.mark.parametrize("missed", [[0], [2], [0, 1, 2], [5, 6]])
 def test_copies_that_a_block_cannot_hold_are_found(monkeypatch, missed):

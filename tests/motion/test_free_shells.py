@@ -147,6 +147,7 @@ def test_gravity_bends_nothing_and_the_fall_is_exact(energy, name):
     np.testing.assert_allclose(run.positions, shell.rest_positions + fallen, rtol=0, atol=1e-9)
 
 
+@pytest.mark.by_default("hinges-MWTS, implicit Euler", "hinges-MD-ROM, SDIRK2", "hinges-auto", "plate-coarse DS")
 @pytest.mark.parametrize(("energy", "name"), CASES)
 def test_a_sheet_falls_while_a_couple_turns_it(energy, name):
     shell, load = shell_of(energy), couple(shell_of(energy))
@@ -334,6 +335,7 @@ def test_a_turned_start_moves_as_the_turned_motion(energy, name):
     np.testing.assert_allclose(other.positions, run.positions @ turn.T + (1.0, 2.0, 3.0), rtol=0, atol=1e-9)
 
 
+@pytest.mark.by_default("MWTS, implicit Euler", "MD-ROM", "coarse DS")
 @pytest.mark.parametrize(
     "name",
     [
@@ -367,7 +369,7 @@ def test_energies_of_a_falling_turning_sheet_add_up(name):
     assert np.abs(sums).max() <= 1e-3 * motion.energies()[0]
 
 
-@pytest.mark.by_default("LMA", "MWTS", "consistent MWTS", "RSW")
+@pytest.mark.by_default("LMA", "consistent MWTS")
 @pytest.mark.parametrize("name", ["LMA", "MWTS", "consistent MWTS", "RSW", "MD-ROM"])
 def test_velocities_are_those_of_the_positions(name):
     shell, model = shell_of("plate"), model_of("plate", name)

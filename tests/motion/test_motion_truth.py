@@ -37,7 +37,7 @@ def test_ratios_are_read_from_sums_of_oscillations():
     assert found == pytest.approx(0.03 / abs(exponents[0]), rel=1e-9)
 
 
-@pytest.mark.by_default("3-MWTS-hinges", "10-LMA-Isotropic", "10-reduced RSW-hinges", "75-RSW-hinges")
+@pytest.mark.by_default("10-LMA-Isotropic", "10-reduced RSW-hinges")
 @pytest.mark.parametrize("energy", ENERGIES)
 @pytest.mark.parametrize("name", ["LMA", "MWTS", "RSW", "reduced RSW"])
 @pytest.mark.parametrize("steps", [3, 10, 75])
@@ -76,6 +76,7 @@ def test_implicit_euler_adds_damping_and_second_order_does_not(rule):
     assert off("hinges", "coarse DS", rule, 75) < 0.01
 
 
+@pytest.mark.by_default("MWTS-hinges", "MWTS-Isotropic", "reduced RSW-hinges")
 @pytest.mark.parametrize("energy", ENERGIES)
 @pytest.mark.parametrize("name", ["MWTS", "RSW", "reduced RSW"])
 def test_modal_rungs_are_of_order_two(energy, name):
@@ -154,7 +155,7 @@ def test_held_strip_vibrates_faster_the_farther_it_goes(amplitude):
     assert found["error"] == pytest.approx(0.0, abs=0.003)
 
 
-@pytest.mark.by_default("RSW", "coarse DS")
+@pytest.mark.by_default("coarse DS")
 @pytest.mark.parametrize("name", ["LMA", "RSW", "coarse DS", "DS"])
 def test_a_falling_turning_free_panel_keeps_its_centre(name):
     shell = motion_limits.panel()
@@ -162,7 +163,7 @@ def test_a_falling_turning_free_panel_keeps_its_centre(name):
     assert found["wander"] < 1e-6
 
 
-@pytest.mark.by_default("RSW", "coarse DS")
+@pytest.mark.by_default("coarse DS")
 @pytest.mark.parametrize("name", ["LMA", "RSW", "coarse DS", "DS"])
 def test_a_bent_panel_that_is_let_go_keeps_its_angular_momentum(name):
     shell = motion_limits.panel()

@@ -14,6 +14,7 @@ def shell():
     return ms.Shell(mesh, ms.Isotropic(1e8, 0.3, 5e-3, 100.0), mesh.vertices[:, 0] < 1e-6)
 
 
+@pytest.mark.by_default("DiscreteShell-bdf2", "<lambda>-composite")
 @pytest.mark.parametrize(
     ("make", "rule"),
     [

@@ -84,7 +84,7 @@ def test_implicit_euler_only_loses_energy(ratio):
     assert total[-1] < -0.2 * np.abs(motion.energies).max()
 
 
-@pytest.mark.by_default("MWTS-exponential", "RSW-exponential")
+@pytest.mark.by_default("RSW-exponential")
 @pytest.mark.parametrize("integrator", ["exponential", "implicit_midpoint"])
 @pytest.mark.parametrize("model", ["MWTS", "RSW"])
 def test_second_order_holds_under_loads_that_turn(model, integrator):
@@ -250,13 +250,7 @@ def test_motion_that_leaves_the_finite_numbers_is_named(basis):
 # ---- outcomes
 
 
-@pytest.mark.by_default(
-    "factors0-exponential",
-    "factors1-implicit_midpoint",
-    "factors2-implicit_euler",
-    "factors3-exponential",
-    "factors4-exponential",
-)
+@pytest.mark.by_default("factors0-exponential", "factors2-implicit_euler")
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 @pytest.mark.parametrize("factors", [(0.3, 0.0), (0.0, 0.02), (2.0, 0.01), (30.0, 0.0), (0.0, 3.0)])
 def test_decay_rate_is_what_the_slowest_mode_does(basis, integrator, factors):
@@ -366,7 +360,7 @@ def test_winding_up_is_named_with_its_time(basis):
     assert run(model, 0.0, (1.0, 0.0), steps=30, start=start).status == "completed"
 
 
-@pytest.mark.by_default("50-0.3", "50-1.0", "60-1.5", "150-0.7")
+@pytest.mark.by_default("50-0.3", "60-1.5")
 @pytest.mark.parametrize("ratio", [0.3, 0.7, 1.0, 1.5])
 @pytest.mark.parametrize("steps", [50, 60, 150])
 def test_motion_near_critical_damping_that_turns_once_is_no_cycle(basis, ratio, steps):

@@ -39,6 +39,7 @@ def models():
     return Bare(inner), inner
 
 
+@pytest.mark.by_default("dead-resting", "wind-moving")
 @pytest.mark.parametrize("further", [{}, {"supports": PATH}], ids=["resting", "moving"])
 @pytest.mark.parametrize("loads", [[], [ms.Wind((0.5, 1.0, 0.3))]], ids=["dead", "wind"])
 def test_a_model_of_four_methods_moves_as_its_full_model(models, further, loads):
@@ -58,6 +59,7 @@ def test_a_model_of_four_methods_refuses_constraints(models):
         models[0].equilibrium(gravity=(0.0, 0.0, -1.0), constraints=[tip])
 
 
+@pytest.mark.by_default("MWTS-moving", "DS-resting", "bare-resting")
 @pytest.mark.parametrize("further", [{}, {"supports": PATH}], ids=["resting", "moving"])
 @pytest.mark.parametrize("kind", ["MWTS", "DS", "bare"])
 def test_a_restored_motion_goes_on_to_the_last_bit(models, kind, further):

@@ -261,9 +261,7 @@ def test_what_a_mesh_is_measured_by_turns_with_it():
     np.testing.assert_allclose(np.abs(beam.principal_axes), np.eye(3), rtol=0, atol=1e-12)
 
 
-@pytest.mark.by_default(
-    "sheet-alternating", "flat_beam-alternating", "v_beam-lloyd", "cylinder_panel-equilateral", "leaf-None"
-)
+@pytest.mark.by_default("flat_beam-alternating", "cylinder_panel-equilateral")
 @pytest.mark.parametrize(
     ("shape", "family"),
     [

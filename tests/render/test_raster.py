@@ -27,6 +27,7 @@ def fan(center, radius, count, turn):
     return np.stack([np.broadcast_to(center, (count, 2)), ring[:-1], ring[1:]], axis=1)
 
 
+@pytest.mark.by_default("0.1", "1.3")
 @pytest.mark.parametrize("turn", [0.0, 0.1, 1.3])
 def test_triangles_that_share_sides_cover_every_pixel_once(turn):
     """Half opaque ones, each on its own layer: a pixel drawn twice would be darker."""

@@ -87,6 +87,7 @@ def test_without_pyvista_the_rasteriser_draws_and_no_probe_runs(monkeypatch):
     assert "modalshell[vtk]" in drawing_hint()
 
 
+@pytest.mark.by_default("blank", "absent")
 @pytest.mark.parametrize(
     "probe",
     [
@@ -190,6 +191,7 @@ def test_transparent_overlay_mixes_colours(drawn_by, tmp_path):
     assert drawn_by
 
 
+@pytest.mark.by_default("built-in")
 def test_back_faces_are_as_bright_as_front_faces(drawn_by, tmp_path):
     vertices, faces = grid(bend=1e-6)
     shades = []

@@ -39,7 +39,7 @@ times = [0.0, 0.1, 0.3]
 factors = [0.0, 1.0, 0.2]"""
 
 
-@pytest.mark.by_default("hybrid and coarse DS")
+@pytest.mark.by_default("coarse DS on a ball")
 @pytest.mark.parametrize(
     ("model", "more"),
     [

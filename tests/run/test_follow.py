@@ -286,6 +286,7 @@ def test_a_record_is_shown_when_its_last_byte_is_there(finished, frames, followe
     assert_shows(one, expected)
 
 
+@pytest.mark.by_default("another file")
 @pytest.mark.parametrize("replaced", [False, True], ids=["cut", "another file"])
 def test_runs_begun_anew_are_followed(finished, write, follower, tmp_path, replaced):
     scene, expected = finished

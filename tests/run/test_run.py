@@ -253,6 +253,7 @@ def test_damaged_frames_are_computed_again(torn, tmp_path):
     assert ms.run_scene(scene, out=tmp_path).resumed == 21
 
 
+@pytest.mark.by_default("magic", "shell")
 @pytest.mark.parametrize("place", ["identity", "magic", "shell"])
 def test_a_damaged_header_is_refused(torn, tmp_path, place):
     scene, _, frames = torn

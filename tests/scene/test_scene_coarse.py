@@ -24,6 +24,7 @@ def coarse_faces(scene):
     return len(scene.build().model.coarse.shell.mesh.faces)
 
 
+@pytest.mark.by_default("-160", "cells = [10, 4]-80")
 @pytest.mark.parametrize(("declared", "count"), [("", 160), ("triangles = 90", 120), ("cells = [10, 4]", 80)])
 def test_a_generated_shape_needs_no_library(scene_file, monkeypatch, declared, count):
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
@@ -58,6 +59,7 @@ def test_sizes_that_do_not_fit_are_refused(scene_file, name, mesh, declared, sai
         ms.load_scene(scene_file(mesh, ('"mwts"', f'"{name}"\n{declared}'))).build()
 
 
+@pytest.mark.by_default("cells0-4", "cells1-6")
 @pytest.mark.parametrize(("cells", "count"), [((2, 1), 4), ((3, 1), 6), ((2, 2), 8), ((10, 3), 60)])
 def test_a_coarse_shell_of_few_cells_is_no_finer_than_the_shell(scene_file, cells, count):
     shape = (SHAPE[0], f'shape = "flat_beam"\ncells = [{cells[0]}, {cells[1]}]')

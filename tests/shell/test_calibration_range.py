@@ -79,6 +79,7 @@ def test_what_the_calibration_misses_is_said(make, poisson, thickness, words):
     assert caught[-1].filename == __file__
 
 
+@pytest.mark.by_default("few of Lloyd's triangles", "ratio 0", "leaf")
 @pytest.mark.parametrize(
     ("make", "poisson", "thickness"),
     [

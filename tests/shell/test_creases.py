@@ -141,7 +141,6 @@ def test_folded_released_and_folded_again(material):
     assert up.creases.dissipated > 1.5 * down.creases.dissipated
 
 
-@pytest.mark.slow
 def test_work_is_stored_or_heat():
     """Work of slowly growing loads is elastic energy, energy of hardening and heat."""
     shell = strip(cells=(8, 1))
@@ -448,6 +447,7 @@ def test_what_yields_on_the_way_to_a_load_keeps_its_fold(material, limit):
     assert at_once.creases.dissipated == pytest.approx(slowly.creases.dissipated, rel=5e-3)
 
 
+@pytest.mark.slow
 def test_a_map_that_is_let_go_dissipates_no_more_than_it_had():
     """The load that holds it would not: a release by growing loads from there led to flat panels and twice the heat."""
     shell = folded_map.folded_sheet(2, folded_map.LIMIT)

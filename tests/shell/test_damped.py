@@ -76,6 +76,7 @@ def test_from_where_a_step_begins_it_is_the_viscous_matrix_to_second_order(shell
     assert off[0] / off[1] == pytest.approx(2.0, abs=0.3)
 
 
+@pytest.mark.by_default("hinges", "dashpots")
 def test_nothing_resists_a_rigid_motion(shell, bent):
     shell = ms.Shell(shell.mesh, shell.material)
     turned = Rotation.from_rotvec([0.4, -1.9, 0.8]).apply(bent)

@@ -34,6 +34,7 @@ def test_a_fabric_with_the_matrices_of_an_orthotropic_sheet_is_that_sheet():
         other.fields(x).values("von_mises")
 
 
+@pytest.mark.by_default("0.0", "20.0")
 @pytest.mark.parametrize("angle", [0.0, 20.0, 45.0, 90.0])
 def test_a_cylinder_has_the_stiffness_of_its_direction(angle):
     """Bent about the y axis, the warp at an angle to x: the energy per area is B(angle) / (2 R^2)."""
@@ -53,6 +54,7 @@ def test_a_cylinder_has_the_stiffness_of_its_direction(angle):
     assert density.energy_density[inside].mean() == pytest.approx(0.5 * stiffness / radius**2, rel=0.01)
 
 
+@pytest.mark.by_default("bending_3", "direction")
 @pytest.mark.parametrize("name", ["stretch_1", "bending_1", "bending_3", "direction"])
 def test_sensitivities_are_the_derivatives_of_equilibria(name):
     mesh = jittered((5, 2), 0.2, 0.06)

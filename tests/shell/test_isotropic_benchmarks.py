@@ -82,7 +82,7 @@ def test_strips_of_finite_elements(strip, family):
         assert np.hypot(middle[0] / 0.3 - reach, -middle[1] / 0.3 - drop) < 0.0015
 
 
-@pytest.mark.by_default("union-jack", "equilateral")
+@pytest.mark.by_default("union-jack")
 @pytest.mark.parametrize("family", THREE)
 def test_cantilever_under_end_shear(family):
     mesh = flat_beam(length=10.0, width=1.0, cells=(40, 4), family=family)
@@ -104,7 +104,7 @@ def rolled(flat, radius):
     return np.column_stack([radius * np.sin(angle), flat[:, 1], radius * (1.0 - np.cos(angle))])
 
 
-@pytest.mark.by_default("union-jack-0.3-radii0", "union-jack-0.3-radii1", "equilateral-0.3-radii2")
+@pytest.mark.by_default("union-jack-0.3-radii0", "equilateral-0.3-radii2")
 @pytest.mark.parametrize("radii", [(np.inf, 1.0), (2.0, 1.0), (1.0, -2.0)])
 @pytest.mark.parametrize("poisson", [pytest.param(0.0, marks=pytest.mark.slow), 0.3])
 @pytest.mark.parametrize("family", ["union-jack", "equilateral"])

@@ -69,6 +69,7 @@ SUPPORTS = {
 }
 
 
+@pytest.mark.by_default("a wing's end clamped", "a wing held")
 @pytest.mark.filterwarnings("ignore::modalshell.core.errors.ModalShellWarning")
 @pytest.mark.parametrize("supports", SUPPORTS)
 def test_energy_does_not_depend_on_winding_or_the_first_wing(supports):

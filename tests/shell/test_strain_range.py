@@ -51,6 +51,7 @@ def rungs(shell):
     return {"DS": ms.DiscreteShell(shell), "coarse DS": ms.CoarseDiscreteShell(shell, coarse), "auto": ms.Auto(shell)}
 
 
+@pytest.mark.by_default("coarse DS", "auto")
 @pytest.mark.parametrize("rung", ["DS", "coarse DS", "auto"])
 def test_answers_and_motions_of_what_solves_for_all_vertices_say_so_once(mesh, shell, rung):
     end, model = mesh.vertices[:, 0] > 1.0 - 1e-9, rungs(shell)[rung]

@@ -39,6 +39,7 @@ def test_the_rotary_inertia_of_a_strip(family):
     assert errors[1] < 0.3 * errors[0]
 
 
+@pytest.mark.by_default("180.0-union-jack", "180.0-equilateral", "120.0-lloyd", "120.0-alternating")
 @pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize("fold", [180.0, 120.0])
 def test_linear_functions_are_integrated_exactly(family, fold):
@@ -94,7 +95,7 @@ def test_masses_are_positive_and_keep_their_sum(seed, noise):
     np.testing.assert_allclose(vertex_masses(other, density, held), found, rtol=1e-9)
 
 
-@pytest.mark.by_default("union-jack")
+@pytest.mark.slow
 @pytest.mark.parametrize("family", ["union-jack", "equilateral", "delaunay"])
 def test_twist_of_a_narrow_strip_on_four_cells(family):
     """The first torsional frequency of a free strip is that of a fine mesh within 2 %; thirds were 5 % too low."""

@@ -274,7 +274,7 @@ def test_implicit_rules_are_stable_at_a_frames_step(ratio, integrator):
         assert run.energies[-1, 0] < 0.01 * run.energies[:, 0].max()
 
 
-@pytest.mark.by_default("100.0-cg", "100000.0-factor", "100000000.0-factor")
+@pytest.mark.by_default("100.0-cg", "100000.0-factor")
 @pytest.mark.parametrize("solver", ["factor", "cg"])
 @pytest.mark.parametrize("ratio", [1e2, 1e5, 1e8])
 def test_one_linearisation_a_step_stays_bounded(ratio, solver):

@@ -21,6 +21,7 @@ def gravity_of(thickness, gamma):
     return (0.0, 0.0, -gamma * 1e9 * thickness**2 / 12.0 / 1000.0)
 
 
+@pytest.mark.by_default("offset0-False", "offset1-True")
 @pytest.mark.parametrize("given", [False, True])
 @pytest.mark.parametrize("offset", [(5e5, 5e6, 0.0), (-3e8, 0.0, 1e4)])
 def test_a_steel_strip_at_map_coordinates_drops_as_at_the_origin(offset, given):
@@ -65,7 +66,7 @@ def test_a_steel_strip_that_drops_by_0_389_m_does_so_at_map_coordinates_from_its
     np.testing.assert_allclose(drops, expected.positions - near.rest_positions, rtol=0, atol=3e-9)
 
 
-@pytest.mark.by_default("implicit", "linear_implicit")
+@pytest.mark.by_default("linear_implicit")
 @pytest.mark.parametrize("rule", ["implicit", "linear_implicit", "explicit", "verlet"])
 @pytest.mark.filterwarnings("ignore:the calibration does not hold")
 def test_motion_at_map_coordinates_is_that_at_the_origin(rule):
@@ -104,6 +105,7 @@ def test_supports_and_constraints_of_motion_at_map_coordinates():
         np.testing.assert_allclose(far, near, rtol=0, atol=1e-7)
 
 
+@pytest.mark.by_default("True")
 @pytest.mark.parametrize("given", [False, True])
 def test_constraints_at_map_coordinates_are_met(given):
     offset = np.array([5e5, 5e6, 100.0])
@@ -125,7 +127,7 @@ def test_a_mesh_without_digits_for_its_shape_is_refused():
         ms.TriangleMesh(mesh.vertices + np.array([2e9, 0.0, 0.0]), mesh.faces)
 
 
-@pytest.mark.by_default("0.01-1.0", "0.01-5.0", "0.001-1e-06", "0.0001-0.001")
+@pytest.mark.by_default("0.01-1.0", "0.001-1e-06")
 @pytest.mark.parametrize("gamma", [1e-6, 1e-3, 1.0, 5.0])
 @pytest.mark.parametrize("thickness", [1e-2, 1e-3, 1e-4])
 def test_sheets_up_to_ten_thousand_times_longer_than_thick_are_balanced(thickness, gamma):
@@ -142,6 +144,7 @@ def test_sheets_up_to_ten_thousand_times_longer_than_thick_are_balanced(thicknes
         assert drop == pytest.approx(gamma * free**4 / 8.0, rel=0.05)
 
 
+@pytest.mark.by_default("False")
 @pytest.mark.parametrize("given", [False, True])
 def test_a_foil_is_limited_by_rounding_and_says_so(given):
     """Length over thickness of a million: membrane over bending stiffness 1e12 and more."""
@@ -155,6 +158,7 @@ def test_a_foil_is_limited_by_rounding_and_says_so(given):
     assert -answer.positions[:, 2].min() == pytest.approx(-reference.positions[:, 2].min(), rel=0.05)
 
 
+@pytest.mark.by_default("0.1-1e-06", "4.4-3e-07")
 @pytest.mark.parametrize("thickness", [1e-6, 3e-7])
 @pytest.mark.parametrize("gamma", [0.1, 4.4])
 @pytest.mark.filterwarnings("ignore:the calibration does not hold")
@@ -208,7 +212,7 @@ def test_an_answer_without_load_is_one_for_those_who_begin_there():
         assert np.abs(again.positions - first.positions).max() < 1e-9
 
 
-@pytest.mark.by_default("False-1.0", "False-1e-06", "True-1e-06")
+@pytest.mark.by_default("False-1.0", "True-1e-06")
 @pytest.mark.parametrize("size", [1.0, 1e-6])
 @pytest.mark.parametrize("touching", [False, True])
 def test_without_a_load_shells_come_back_to_rest_in_any_unit_of_length(size, touching):

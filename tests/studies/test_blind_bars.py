@@ -5,7 +5,7 @@ import pytest
 from studies import blind_bars
 
 
-@pytest.mark.by_default("27")
+@pytest.mark.slow
 @pytest.mark.parametrize("place", [27, 55])
 def test_a_walk_passes_a_margin_that_only_comes_near_to_zero(place):
     """Free edges of tubes buckle under 0.79 and 0.87 of the load at the end: the margin is 0.03 and 0.05 there."""

@@ -74,6 +74,7 @@ def test_skeleton_keeps_its_bones_and_its_planted_feet(dancer):
         assert pose["knee_left"].position - pose["hip_left"].position == pytest.approx(below)
 
 
+@pytest.mark.slow
 def test_dance_is_lively(dancer):
     poses = [dancer.pose(float(time)) for time in np.arange(0.0, dancer.duration, 0.05)]
     wrists = np.array([pose["wrist_left"].position for pose in poses])

@@ -54,6 +54,7 @@ def test_rows_are_what_a_case_is_and_what_is_found_of_it():
     assert [row["k"] for row in rows] == ["a0", "a0", "a1", "b0", "b0", "b1"]
 
 
+@pytest.mark.by_default("0.5", "1", "2")
 @pytest.mark.parametrize("row", ELASTICA, ids=[row["Gamma"] for row in ELASTICA])
 def test_shooting_gives_the_tabulated_elastica(row):
     drop, reach = cantilever_master_curve.elastica(float(row["Gamma"]))
@@ -61,6 +62,7 @@ def test_shooting_gives_the_tabulated_elastica(row):
     assert reach == pytest.approx(float(row["W_over_L"]), abs=1e-8)
 
 
+@pytest.mark.by_default("CFFF-0.0", "FFFF-0.3")
 @pytest.mark.parametrize("poisson", [0.0, 0.3])
 @pytest.mark.parametrize("supports", ["CFFF", "FFFF"])
 def test_ritz_gives_the_tabulated_plates(supports, poisson):
@@ -68,6 +70,7 @@ def test_ritz_gives_the_tabulated_plates(supports, poisson):
     np.testing.assert_allclose(values[:7], PLATES[f"{supports} {poisson:g}"], rtol=5e-5)
 
 
+@pytest.mark.by_default("FFFF", "SSSS")
 @pytest.mark.parametrize("supports", plate_frequencies.SUPPORTS)
 def test_reference_shapes_are_orthogonal(supports):
     points, weights = np.polynomial.legendre.leggauss(60)

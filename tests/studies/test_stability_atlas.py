@@ -145,7 +145,7 @@ def rows_of():
     return {moves_by(models.model_of(name, 1e2, 1.0, 0.0)): name for name in ROWS}
 
 
-@pytest.mark.by_default("rsw", "coarse-ds")
+@pytest.mark.by_default("coarse-ds")
 @pytest.mark.filterwarnings("ignore:no basis of up to 4 vectors")  # trained as little as that
 @pytest.mark.parametrize("name", [key for key, spec in MODELS.items() if spec.on_ladder])
 def test_every_model_of_a_scene_has_a_row_for_every_way_to_move(name, rows_of):
@@ -172,6 +172,7 @@ def test_slices_pass_through_the_base_point():
 # ---- theory
 
 
+@pytest.mark.by_default("LinearModal-exponential", "ModalWarping-implicit_midpoint", "RotationStrain-implicit_euler")
 @pytest.mark.parametrize("integrator", ["exponential", "implicit_euler", "implicit_midpoint"])
 @pytest.mark.parametrize("kind", [ms.LinearModal, ms.ModalWarping, ms.RotationStrain])
 def test_step_matrix_is_the_derivative_of_a_step(kind, integrator):

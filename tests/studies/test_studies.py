@@ -21,6 +21,7 @@ def results(quick_study):
     return quick_study("v_beam_accuracy")
 
 
+@pytest.mark.by_default("cantilever_master_curve", "v_beam_accuracy")
 @pytest.mark.parametrize("name", studies())
 def test_every_study_leaves_its_files(name, quick_study):
     folder = quick_study(name)

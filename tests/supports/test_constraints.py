@@ -326,7 +326,7 @@ def test_linear_constraints_give_the_least_work(seed):
     )
 
 
-@pytest.mark.by_default("LinearModal", "ModalWarping")
+@pytest.mark.by_default("LinearModal")
 @pytest.mark.parametrize("model", [ms.LinearModal, ms.ModalWarping, ms.RotationStrain])
 def test_a_few_evaluations_meet_targets_that_modes_reach(monkeypatch, basis, tip, model):
     """They were met from soft to hard, and searches went on from points that were minima: 20 to 120 a step."""

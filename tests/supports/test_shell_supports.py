@@ -46,6 +46,7 @@ def on_plane(mesh):
     return np.abs(mesh.vertices[:, 1]) < 1e-9
 
 
+@pytest.mark.by_default("sheet-hinges", "v-beam-split folds")
 @ENERGIES
 @pytest.mark.parametrize(
     ("make", "pull"),

@@ -81,6 +81,7 @@ def test_a_case_that_kills_the_clusters_workers_is_recorded(cluster, sweep, tmp_
     assert result.rows[2]["message"] == "the cluster's workers died at it"
 
 
+@pytest.mark.by_default("127.0.0.1", "nowhere://a")
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "127.0.0.1", "nowhere://a"])
 def test_an_address_that_answers_not_is_refused(sweep, tmp_path, monkeypatch, address):
     monkeypatch.setattr("modalshell.sweep.cluster._SECONDS", 1)

@@ -41,6 +41,7 @@ def moved(session):
     return float(np.linalg.norm(session.positions - session.shell.rest_positions, axis=1).max())
 
 
+@pytest.mark.by_default("whole steps")
 @pytest.mark.parametrize("more", ["", "tolerance = 1e-5\n"], ids=["whole steps", "divided steps"])
 def test_session_follows_the_scene_frame_by_frame(scene_file, more):
     scene = ms.load_scene(scene_file(*BEAM, ("duration = 4.0", f"duration = 4.0\n{more}")))
@@ -136,6 +137,7 @@ def test_other_forces_stay_when_gravity_changes(scene_file):
     assert (session.positions - session.shell.rest_positions)[tip, 1] > 1e-3
 
 
+@pytest.mark.by_default("ds-1e-12-resting supports", "rsw-0.02-resting supports", "lma-0.2-moving supports")
 @pytest.mark.parametrize("supports", [(), (MOVING,)], ids=["resting supports", "moving supports"])
 @pytest.mark.parametrize(("name", "error"), [("ds", 1e-12), ("rsw", 0.02), ("lma", 0.2)])
 def test_another_model_takes_up_the_shape(scene_file, supports, name, error):
