@@ -29,8 +29,13 @@ def soften(elastic: Any, body: Any, room: Any, x: Array) -> None:
 
 
 def harden(elastic: Any, body: Any, room: Any, x: Array) -> None:
-    """Write the first part of the Hessian at ``x`` to ``room``, as its second matrix."""
+    """Write the gradient and the first part of the Hessian at ``x`` to ``room``, this as its second matrix."""
     elastic.harden(body, room, x)
+
+
+def resist(elastic: Any, room: Any, x: Array) -> None:
+    """Write forces by which the first part of the Hessian at ``x`` resists ``room.step``, in place of a gradient."""
+    elastic.resist(room, x)
 
 
 def predict(elastic: Any, room: Any, x: Array) -> None:
