@@ -23,7 +23,7 @@ from modalshell.statics.mixed_newton import START, write
 
 _FEWEST: int = np.int64(margin.FEWEST)  # type: ignore[assignment]  # a plain integer is compiled in as a constant
 _FEWEST_EARLY: int = np.int64(margin.FEWEST_EARLY)  # type: ignore[assignment]
-_BISECTIONS: int = np.int64(40)  # type: ignore[assignment]
+_BISECTIONS: int = np.int64(80)  # type: ignore[assignment]
 _INVERSE: int = np.int64(3)  # type: ignore[assignment]
 """Halvings that find the lowest eigenvalue of a tridiagonal matrix, and inverse iterations its vector."""
 _FIRST, _NEAR, _SECOND, _LAST = (np.int64(k) for k in range(4))
