@@ -20,7 +20,7 @@ FAINT = 0.1
 """What the stresses take from which on that tolerance is relative: less is far from any critical load."""
 FEWEST, FEWEST_EARLY, STEPS = 6, 4, 40
 """Lanczos iterations."""
-SLACK = 3.0
+SLACK = 2.0
 """Factor on that tolerance for early margins, which are right to a tenth of what the stresses take."""
 FAR, UNSEEN = 0.5, 1e-3
 """Distance of a ratio from all found ones at which early iterations must not miss it, and share of the start from which
