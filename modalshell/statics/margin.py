@@ -127,6 +127,6 @@ class Begun(NamedTuple):
             whole[: values.size] = values
             return np.asarray((geometric @ whole)[: values.size])
 
-        ratio = lowest_ratio(self.factor.solve, softening, probe(shell.unknowns.count), early=True).value
+        ratio = lowest_ratio(self.factor.solve, softening, probe(shell.unknowns.count), early=self.unstressed).value
         margin = ratio if self.unstressed else 1.0 / (2.0 - ratio)
         return margin if margin > CLEAR else None

@@ -212,7 +212,7 @@ def check(body, rooms, lanczos, start, load, probe, early):  # type: ignore[no-u
     those of the second step with them; and the factorisations.
     """
     room = rooms[0]
-    x, elastic, products, factors, negative, near = room.x, body.elastic, 0, 0, 0, 0
+    x, elastic, products, factors, negative, near, short = room.x, body.elastic, 0, 0, 0, 0, False
     write(start, x)
     write(load, room.push)
     still(room)
@@ -234,7 +234,7 @@ def check(body, rooms, lanczos, start, load, probe, early):  # type: ignore[no-u
             elasticity.soften(elastic, body, room, x)
         matrix, way = room.values if stage == _SECOND else room.second, room.residual
         if stage == _NEAR:
-            near = _solve_near(body, room, lanczos, x)
+            near = _solve_near(body, room, lanczos, x) if short else 0
             products += near
             if near == 0:
                 continue
@@ -251,10 +251,11 @@ def check(body, rooms, lanczos, start, load, probe, early):  # type: ignore[no-u
                 solve(matrix, body.first, body.starts, room.own, room.pivots, way)
             spread(body, room, way, -1.0)
             method.advance(step)
-            ended = early and stage != _FIRST and negative == 0 and _is_short(body, x, room.slots[START])
+            short = _is_short(body, x, room.slots[START])
+            ended = early and stage != _FIRST and negative == 0 and short
         if ended:
             own = rooms[1 if stage == _SECOND else 0]
-            lowest, more = _lowest_ratio(body, own, lanczos, probe, early and stage != _LAST)
+            lowest, more = _lowest_ratio(body, own, lanczos, probe, stage == _NEAR)
             products += more
             left = 1.0 / (1.0 - lowest) if stage == _SECOND else 1.0 + lowest
             if stage == _LAST or left > _CLEAR:
