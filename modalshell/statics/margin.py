@@ -55,10 +55,10 @@ def lowest_ratio(
     is the right side from which the iterations start. The ratio is found from above, to about a twentieth of what it
     lacks to 1.
 
-    An ``early`` ratio is found to :data:`SLACK` times that, and fewer than :data:`FEWEST` iterations do where
-    a direction of a ratio :data:`FAR` from all found ones would have shown, had it a share :data:`UNSEEN` in the start:
+    An ``early`` ratio is found to :data:`SLACK` times that, and fewer than :data:`FEWEST` iterations do where a
+    direction of a ratio :data:`FAR` from all found ones would have shown, had it a share :data:`UNSEEN` in the start:
     after k iterations the polynomial that vanishes at the found ratios makes of the start a vector as long as the
-    product of the numbers beside the diagonal, and multiplies that direction by ``FAR^k`` at least.
+    product of the k numbers off the diagonal, and multiplies that direction by ``FAR^k`` at least.
     """
     vector = solve(start)
     length = np.sqrt(max(float(vector @ start), 0.0)) or 1.0

@@ -202,11 +202,12 @@ def check(body, rooms, lanczos, start, load, probe, early):  # type: ignore[no-u
     ``rooms`` are the room, and the same with the two matrices in each other's place. ``probe`` (3b,) is where Lanczos
     iterations start.
 
-    If it may be ``early``, iterations with the first step's factor take the second where few do, and the margin is
-    found where that began, without another factor: there the lowest ratio r of G to ``K_1``, by the first step's
-    factor, makes it ``1 + r``; where the second step has its own, of ``K_1 + G``, it is ``1 / (1 - r)``. That serves
-    where the step is short and the margin large; what the latter takes from 1 was then within 0.022 and 9 % of that
-    after the step, in some 400 checks of motions drawn by a seed.
+    If it may be ``early``, iterations with the first step's factor take the second where the first is short and few
+    do, and the margin is found where the second began, without another factor: there the lowest ratio r of G to
+    ``K_1``, by the first step's factor, makes it ``1 + r``; where the second step has its own, of ``K_1 + G``, it is
+    ``1 / (1 - r)``. That serves where the second step is short and the margin large. In checks of motions drawn by a
+    seed what the latter takes from 1 was then within 0.022 and 9 % of that after the step; by the first step's factor
+    in 54 of them within 0.014 and 5 %.
 
     Returns the margin, not a number where a pivot vanishes or the first part is not definite; the Lanczos iterations,
     those of the second step with them; and the factorisations.
