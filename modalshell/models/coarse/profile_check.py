@@ -26,7 +26,7 @@ _FEWEST_EARLY: int = np.int64(margin.FEWEST_EARLY)  # type: ignore[assignment]
 _BISECTIONS: int = np.int64(80)  # type: ignore[assignment]
 _INVERSE: int = np.int64(3)  # type: ignore[assignment]
 """Halvings that find the lowest eigenvalue of a tridiagonal matrix, and inverse iterations its vector."""
-_FIRST, _NEAR, _SECOND, _LAST = (np.int64(k) for k in range(4))
+_FIRST_STEP, _BY_KEPT_FACTOR, _SECOND_STEP, _AFTERWARDS = (np.int64(k) for k in range(4))
 """Stages: the first step; the second by iterations with the factor of the first, or by its own; and for the margin
 where those do not serve."""
 _LITTLE_STEP, _CLEAR = margin.LITTLE_STEP, margin.CLEAR
@@ -218,23 +218,23 @@ def check(body, rooms, lanczos, start, load, probe, early):  # type: ignore[no-u
     write(load, room.push)
     still(room)
     step = Step(body, room, body.rest, x, room.slots)
-    for stage in range(_LAST + 1):  # a loop, as each place that calls a kernel is compiled anew
-        if (stage == _NEAR and not early) or (stage == _SECOND and near > 0):
+    for stage in range(_AFTERWARDS + 1):  # a loop, as each place that calls a kernel is compiled anew
+        if (stage == _BY_KEPT_FACTOR and not early) or (stage == _SECOND_STEP and near > 0):
             continue
-        if stage == _SECOND:
+        if stage == _SECOND_STEP:
             if early:
                 write(room.values, room.second)  # G is at the same place
             elasticity.assemble(elastic, body, room, x)
-        elif stage == _NEAR:
+        elif stage == _BY_KEPT_FACTOR:
             elasticity.energy(elastic, room, x)
         else:
             elasticity.harden(elastic, body, room, x)
-        if stage != _LAST:
+        if stage != _AFTERWARDS:
             outer(step)
-        if stage in (_NEAR, _LAST):
+        if stage in (_BY_KEPT_FACTOR, _AFTERWARDS):
             elasticity.soften(elastic, body, room, x)
-        matrix, way = room.values if stage == _SECOND else room.second, room.residual
-        if stage == _NEAR:
+        matrix, way = room.values if stage == _SECOND_STEP else room.second, room.residual
+        if stage == _BY_KEPT_FACTOR:
             near = _solve_near(body, room, lanczos, x) if short else 0
             products += near
             if near == 0:
@@ -243,23 +243,23 @@ def check(body, rooms, lanczos, start, load, probe, early):  # type: ignore[no-u
         else:
             factors += 1
             negative = factorise(matrix, body.first, body.starts, room.own, room.pivots)
-            if negative < 0 or (negative > 0 and stage == _LAST):
+            if negative < 0 or (negative > 0 and stage == _AFTERWARDS):
                 break
-        ended = stage == _LAST
+        ended = stage == _AFTERWARDS
         if not ended:
             write(x, room.slots[START])
-            if stage != _NEAR:
+            if stage != _BY_KEPT_FACTOR:
                 solve(matrix, body.first, body.starts, room.own, room.pivots, way)
             spread(body, room, way, -1.0)
             method.advance(step)
             short = _is_short(body, x, room.slots[START])
-            ended = early and stage != _FIRST and negative == 0 and short
+            ended = early and stage != _FIRST_STEP and negative == 0 and short
         if ended:
-            own = rooms[1 if stage == _SECOND else 0]
-            lowest, more = _lowest_ratio(body, own, lanczos, probe, stage == _NEAR)
+            own = rooms[1 if stage == _SECOND_STEP else 0]
+            lowest, more = _lowest_ratio(body, own, lanczos, probe, stage == _BY_KEPT_FACTOR)
             products += more
-            left = 1.0 / (1.0 - lowest) if stage == _SECOND else 1.0 + lowest
-            if stage == _LAST or left > _CLEAR:
+            left = 1.0 / (1.0 - lowest) if stage == _SECOND_STEP else 1.0 + lowest
+            if stage == _AFTERWARDS or left > _CLEAR:
                 return left, products, factors
     return np.nan, products, factors
 
