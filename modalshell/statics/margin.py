@@ -18,8 +18,13 @@ TOLERANCE = 0.05
 """Residual of the lowest ratio, over what the stresses take, at which it is found: its own error is of second order."""
 FAINT = 0.1
 """What the stresses take from which on that tolerance is relative: less is far from any critical load."""
-FEWEST, STEPS = 6, 40
+FEWEST, FEWEST_EARLY, STEPS = 6, 4, 40
 """Lanczos iterations."""
+SLACK = 2.0
+"""Factor on that tolerance for early margins, which are right to a tenth of what the stresses take."""
+FAR, UNSEEN = 0.5, 1e-3
+"""Distance of a ratio from all found ones at which early iterations must not miss it, and share of the start from which
+on its direction shows."""
 LITTLE_STEP, CLEAR = 0.02, 0.5
 """Second step of a bar, over the displacement, up to which the margin where it began serves, and margin above which it
 does."""
@@ -40,20 +45,27 @@ class Margin(NamedTuple):
     """Products with the difference of the stiffnesses, and solves with the factor, that it took."""
 
 
-def lowest_ratio(solve: Callable[[Array], Array], softening: Callable[[Array], Array], start: Array) -> Margin:
+def lowest_ratio(
+    solve: Callable[[Array], Array], softening: Callable[[Array], Array], start: Array, *, early: bool = False
+) -> Margin:
     """The least ``v . (K_1 + G) v / v . K_1 v``, by Lanczos iterations on ``K_1^-1 G`` in the inner product of K_1.
 
     Numerator and denominator are of one state, so that the ratio depends on neither rotations nor units. ``solve``
     gives ``K_1^-1 b`` for b (N,), K_1 positive definite, ``softening`` gives ``G v``, G symmetric, and ``start`` (N,)
     is the right side from which the iterations start. The ratio is found from above, to about a twentieth of what it
     lacks to 1.
+
+    An ``early`` ratio is found to :data:`SLACK` times that, and fewer than :data:`FEWEST` iterations do where a
+    direction of a ratio :data:`FAR` from all found ones would have shown, had it a share :data:`UNSEEN` in the start:
+    after k iterations the polynomial that vanishes at the found ratios makes of the start a vector as long as the
+    product of the k numbers off the diagonal, and multiplies that direction by ``FAR^k`` at least.
     """
     vector = solve(start)
     length = np.sqrt(max(float(vector @ start), 0.0)) or 1.0
     most = min(STEPS, start.size)
     vectors, images = np.empty((most, start.size)), np.empty((most, start.size))  # images are K_1 times vectors
     vectors[0], images[0] = vector / length, start / length
-    tridiagonal = np.zeros((most, most))
+    tridiagonal, share, tolerance = np.zeros((most, most)), 1.0, TOLERANCE * (SLACK if early else 1.0)
     for step in range(most):
         count = step + 1
         image = softening(vectors[step])
@@ -65,10 +77,12 @@ def lowest_ratio(solve: Callable[[Array], Array], softening: Callable[[Array], A
             following = following - shares @ vectors[:count]
             image = image - shares @ images[:count]
         beside = np.sqrt(max(float(following @ image), 0.0))
+        share *= beside / FAR
         values, shapes = np.linalg.eigh(tridiagonal[:count, :count])
         lowest, residual = float(values[0]), float(beside * abs(shapes[-1, 0]))
         ended = beside <= ENDED * max(float(np.abs(values).max()), 1e-300)
-        if ended or count == most or (count >= FEWEST and residual <= TOLERANCE * max(abs(lowest), FAINT)):
+        enough = count >= FEWEST or (early and count >= FEWEST_EARLY and share <= UNSEEN)
+        if ended or count == most or (enough and residual <= tolerance * max(abs(lowest), FAINT)):
             break
         tridiagonal[step, count] = tridiagonal[count, step] = beside
         vectors[count], images[count] = following / beside, image / beside
@@ -113,6 +127,6 @@ class Begun(NamedTuple):
             whole[: values.size] = values
             return np.asarray((geometric @ whole)[: values.size])
 
-        ratio = lowest_ratio(self.factor.solve, softening, probe(shell.unknowns.count)).value
+        ratio = lowest_ratio(self.factor.solve, softening, probe(shell.unknowns.count), early=self.unstressed).value
         margin = ratio if self.unstressed else 1.0 / (2.0 - ratio)
         return margin if margin > CLEAR else None

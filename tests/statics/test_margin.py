@@ -26,6 +26,17 @@ def test_lanczos_finds_the_lowest_ratio(lowest):
     assert 1.0 + quotient == pytest.approx(found.value)
 
 
+@pytest.mark.parametrize("alone", [0.0, -0.7, -2.0])
+def test_early_iterations_are_fewer_and_miss_no_ratio_far_from_others(alone):
+    """One that stands alone has two thousandths of the start, as a shape has that buckles at many times the lowest."""
+    rng, count = np.random.default_rng(5), 60
+    taken, start = rng.uniform(-0.02, 0.02, count), rng.standard_normal(count)
+    taken[0], start[0] = alone or taken[0], 2e-3 * np.linalg.norm(start)
+    found = [lowest_ratio(np.copy, lambda v: taken * v, start, early=early) for early in (False, True)]
+    assert [one.value for one in found] == pytest.approx([1.0 + taken.min()] * 2, abs=0.01)
+    assert found[1].products < 6 <= found[0].products
+
+
 def test_no_stress_takes_nothing():
     found = lowest_ratio(lambda b: 0.5 * b, lambda v: 0.0 * v, np.ones(9))
     assert (found.value, found.products) == (1.0, 1)

@@ -29,8 +29,13 @@ def soften(elastic: Any, body: Any, room: Any, x: Array) -> None:
 
 
 def harden(elastic: Any, body: Any, room: Any, x: Array) -> None:
-    """Write the first part of the Hessian at ``x`` to ``room``, as its second matrix."""
+    """Write the gradient and the first part of the Hessian at ``x`` to ``room``, this as its second matrix."""
     elastic.harden(body, room, x)
+
+
+def resist(elastic: Any, room: Any, x: Array) -> None:
+    """Write forces by which the first part of the Hessian at ``x`` resists ``room.step``, in place of a gradient."""
+    elastic.resist(room, x)
 
 
 def predict(elastic: Any, room: Any, x: Array) -> None:
@@ -41,7 +46,5 @@ def predict(elastic: Any, room: Any, x: Array) -> None:
 def block_places(profile: Profile, rows: Index, columns: Index) -> Index:
     """Where blocks begin in the profile; -1 above the diagonal, and for rows or columns that have none (-1)."""
     rows, columns = np.broadcast_arrays(rows, columns)
-    slots = np.full(rows.shape, -1)
-    kept = (columns >= 0) & (columns <= rows)
-    slots[kept] = profile.places(3 * rows[kept], 3 * columns[kept])
-    return slots
+    begins = profile.starts[:-1] - profile.first  # of each block of rows, were its first column that of the matrix
+    return np.asarray(np.where((columns >= 0) & (columns <= rows), begins[rows] + 3 * columns, -1))

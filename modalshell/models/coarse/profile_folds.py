@@ -310,22 +310,39 @@ def _soften(elastic, body, room, x):  # type: ignore[no-untyped-def]
 
 @operation_of(Folds, elasticity.harden, **_options)
 def _harden(elastic, body, room, x):  # type: ignore[no-untyped-def]
-    """Write the first part of the Hessian at ``x``."""
+    """Write the gradient and the first part of the Hessian at ``x``."""
     own, values, strides = room.elastic, room.second, body.strides
-    _measure(elastic, own, x)
+    elasticity.energy(elastic, room, x)
     write(elastic.shares, values)
     add_bending(own.slopes, elastic.bending, strides, values)
     add_membrane(own.points, elastic.membrane, own.vectors, values)
+
+
+@njit(**_options)
+def _rates(elastic, room, x, step):  # type: ignore[no-untyped-def]
+    """Write how measures at ``x`` change along a ``step`` (n, 3)."""
+    _measure(elastic, room, x)
+    write(step, room.moved)
+    fold_rates(room.moved, elastic.hinges, room.slopes, room.rates)
+    half_square_rates(room.points, room.moved, elastic.membrane.edges, room.square_rates)
+
+
+@operation_of(Folds, elasticity.resist, **_options)
+def _resist(elastic, room, x):  # type: ignore[no-untyped-def]
+    """Write forces against ``room.step``."""
+    own = room.elastic
+    _rates(elastic, own, x, room.step)
+    _forces(elastic, own, own.points, own.slopes, own.rates, own.square_rates)
+    for v in range(x.shape[0]):
+        for axis in range(3):
+            room.gradient[v, axis] = -own.forces[v, axis]
 
 
 @operation_of(Folds, elasticity.predict, **_options)
 def _predict(elastic, room, x):  # type: ignore[no-untyped-def]
     """Write the stresses after ``room.step``, by the measures linearised at ``x``."""
     own = room.elastic
-    _measure(elastic, own, x)
-    write(room.step, own.moved)
-    fold_rates(own.moved, elastic.hinges, own.slopes, own.rates)
-    half_square_rates(own.points, own.moved, elastic.membrane.edges, own.square_rates)
+    _rates(elastic, own, x, room.step)
     for hinge in range(own.rates.size):
         own.rates[hinge] += own.angles[hinge]
     for edge in range(own.square_rates.size):

@@ -12,13 +12,14 @@ from modalshell.kernels.read_only import unwritten
 from modalshell.linalg import Profile
 from modalshell.models.coarse import profile_elasticity as elasticity
 from modalshell.models.coarse.profile_elasticity import block_places
-from modalshell.shell import GAUSS_NEWTON, MIXED, Shell
+from modalshell.models.coarse.profile_hinge_kernels import harden_edges, harden_hinges, harden_triangles
+from modalshell.shell import MIXED, Shell
 from modalshell.shell.kernels.generated import flexure, shear, stretch
 from modalshell.statics.mixed_newton import operation_of
 
 KERNELS = (stretch, shear, flexure)
 """Kernels of the element sets that a shell must have, in this order."""
-_STRETCHING, _LINEARISED = np.int64(GAUSS_NEWTON), np.int64(MIXED)  # a plain integer is compiled in as a constant
+_LINEARISED = np.int64(MIXED)  # a plain integer is compiled in as a constant
 
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True} | UNCOUNTED
 
@@ -109,13 +110,25 @@ def _add(elastic, body, room, x, triangles, edges, hinges):  # type: ignore[no-u
 
 @operation_of(Hinges, elasticity.harden, **_options)
 def _harden(elastic, body, room, x):  # type: ignore[no-untyped-def]
-    """Write the first part of the Hessian at ``x``."""
-    strides, none, values, gradient = body.strides, room.residual[:0], room.second, room.gradient
-    values[:] = 0.0
-    t, e, h, x = elastic.triangles, elastic.edges, elastic.hinges, unwritten(x)
-    stretch.add_stiffness(x, t.stencils, t.rest, t.weight, none, _STRETCHING, t.slots, strides, values, gradient)
-    shear.add_stiffness(x, e.stencils, e.rest, e.weight, none, _STRETCHING, e.slots, strides, values, gradient)
-    flexure.add_stiffness(x, h.stencils, h.rest, h.weight, none, _STRETCHING, h.slots, strides, values, gradient)
+    """Write the gradient and the first part of the Hessian at ``x``."""
+    matrix, gradient = (room.second, body.strides), room.gradient
+    room.second[:] = 0.0
+    gradient[:] = 0.0
+    t, e, h = elastic.triangles, elastic.edges, elastic.hinges
+    harden_triangles(x, (t.stencils, t.weight, t.slots), t.rest, matrix, gradient)
+    harden_edges(x, (e.stencils, e.weight, e.slots), e.rest, matrix, gradient)
+    harden_hinges(x, (h.stencils, h.weight, h.slots), h.rest, matrix, gradient)
+
+
+@operation_of(Hinges, elasticity.resist, **_options)
+def _resist(elastic, room, x):  # type: ignore[no-untyped-def]
+    """Write forces against ``room.step``."""
+    forces, step, x = room.gradient, unwritten(room.step), unwritten(x)
+    forces[:] = 0.0
+    t, e, h = elastic.triangles, elastic.edges, elastic.hinges
+    stretch.add_damping(x, step, t.stencils, t.weight, forces)
+    shear.add_damping(x, step, e.stencils, e.weight, forces)
+    flexure.add_damping(x, step, h.stencils, h.weight, forces)
 
 
 @operation_of(Hinges, elasticity.energy, **_options)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sps
@@ -29,32 +29,56 @@ def numbering_of(shell: Shell) -> Numbering:
     those blocks that is found afterwards takes two to three times the products on meshes without a grid.
     """
     free, pattern = shell.free, shell.pattern
-    parts: list[tuple[Any, int, int]] = [(pattern.blocks[free][:, free], 0, 0)]
-    count = 0
-    if (inner := pattern.internal) is not None:
-        coupling, count = inner.vertices[:, free], inner.count
-        parts += [(coupling, free.size, 0), (coupling.T, 0, free.size), (inner.stiffness, free.size, free.size)]
-    entries = [(sps.coo_array(part), row, column) for part, row, column in parts]
-    rows = np.concatenate([part.row + row for part, row, _ in entries])
-    graph = _graph(rows, np.concatenate([part.col + column for part, _, column in entries]), free.size + count)
-    found = [_by_threes(graph, free.size, order) for order in _orders(graph, shell.rest_positions[free])]
+    number = np.full(len(shell.mass), -1, dtype=np.int64)
+    number[free] = np.arange(free.size)
+    among, inner = _entries(pattern.blocks), pattern.internal
+    rows, columns = number[among[0]], number[among[1]]
+    kept = (rows >= 0) & (columns >= 0)
+    vertices = rows[kept], columns[kept]
+    coupling, own, count = (number[:0], number[:0]), (number[:0], number[:0]), 0
+    if inner is not None:
+        count, (shares, coupled), own = inner.count, _entries(inner.vertices), _entries(inner.stiffness)
+        coupled = number[coupled]
+        coupling = shares[coupled >= 0], coupled[coupled >= 0]
+    first = free.size + coupling[0], free.size + own[0]
+    rows = np.concatenate([vertices[0], first[0], coupling[1], first[1]])
+    columns = np.concatenate([vertices[1], coupling[1], first[0], free.size + own[1]])
+    orders = _orders((rows, columns), vertices, coupling, shell.rest_positions[free], count)
+    found = [_by_threes(rows, columns, free.size, order) for order in orders]
     profile, position = min(found, key=lambda one: one[0].products)
     place = np.full(len(shell.mass), -1, dtype=np.int64)
     place[free] = position[: free.size] // 3
     return Numbering(profile, place, position[free.size :])
 
 
-def _orders(graph: sps.csr_array, points: Array) -> list[Index]:
-    """Orders of vertices, at ``points`` (v, 3), and of the shares after them."""
-    vertices = len(points)
-    near = graph[vertices:, :vertices].astype(np.float64)
-    near = sps.diags_array(1.0 / np.maximum(near.sum(axis=1), 1.0)) @ near
-    along = [*points.T, np.argsort(_cuthill_mckee(graph[:vertices, :vertices])).astype(np.float64)]
-    sorted_along = [np.argsort(np.concatenate([values, near @ values]), kind="stable") for values in along]
-    return [_cuthill_mckee(graph), *sorted_along]
+def _entries(pattern: sps.csr_array) -> tuple[Index, Index]:
+    """Rows and columns of the entries of a matrix by rows."""
+    lengths = np.diff(pattern.indptr)
+    return np.repeat(np.arange(lengths.size), lengths), pattern.indices.astype(np.int64)
 
 
-def _by_threes(graph: sps.csr_array, vertices: int, order: Index) -> tuple[Profile, Index]:
+def _orders(
+    entries: tuple[Index, Index],
+    vertices: tuple[Index, Index],
+    coupling: tuple[Index, Index],
+    points: Array,
+    shares: int,
+) -> list[Index]:
+    """Orders of vertices, at ``points`` (v, 3), and of the ``shares`` after them.
+
+    Rows and columns are those of all entries, of those among vertices, and of those of shares by vertices.
+    """
+    count = len(points)
+    along = [*points.T, np.argsort(_cuthill_mckee(*vertices, count)).astype(np.float64)]
+    weights = 1.0 / np.maximum(np.bincount(coupling[0], minlength=shares), 1)
+    orders = [_cuthill_mckee(*entries, count + shares)]
+    for values in along:
+        near = weights * np.bincount(coupling[0], values[coupling[1]], minlength=shares)
+        orders.append(np.argsort(np.concatenate([values, near]), kind="stable"))
+    return orders
+
+
+def _by_threes(rows: Index, columns: Index, vertices: int, order: Index) -> tuple[Profile, Index]:
     """Profile of an order in which shares stand where the first of three is, and the first row of every node."""
     size = order.size
     place = np.empty(size, dtype=np.int64)
@@ -65,19 +89,14 @@ def _by_threes(graph: sps.csr_array, vertices: int, order: Index) -> tuple[Profi
     where = np.concatenate(
         [place[:vertices], place[shares[np.minimum(np.arange(1, shares.size + 1, 3), shares.size - 1)]]]
     )
-    entries, sorted_blocks = sps.coo_array(graph), np.argsort(where, kind="stable")
-    profile = Profile(sorted_blocks, blocks[entries.row], blocks[entries.col])
-    rows = 3 * np.argsort(sorted_blocks)[blocks]
-    rows[shares] += np.arange(shares.size) % 3
-    return profile, rows
+    sorted_blocks = np.argsort(where, kind="stable")
+    profile = Profile(sorted_blocks, blocks[rows], blocks[columns])
+    first = 3 * np.argsort(sorted_blocks)[blocks]
+    first[shares] += np.arange(shares.size) % 3
+    return profile, first
 
 
-def _cuthill_mckee(graph: sps.csr_array) -> Index:
-    return np.asarray(reverse_cuthill_mckee(sps.csr_matrix(graph), symmetric_mode=True), dtype=np.int64)
-
-
-def _graph(rows: Index, columns: Index, size: int) -> sps.csr_array:
-    ones = np.ones(rows.size, dtype=np.int8)
-    graph = sps.csr_array(sps.coo_array((ones, (rows, columns)), shape=(size, size)))
-    graph.data[:] = 1
-    return graph
+def _cuthill_mckee(rows: Index, columns: Index, size: int) -> Index:
+    """Reverse Cuthill-McKee order (k,) of a symmetric pattern."""
+    graph = sps.csr_matrix((np.ones(rows.size, dtype=np.int8), (rows, columns)), shape=(size, size))
+    return np.asarray(reverse_cuthill_mckee(graph, symmetric_mode=True), dtype=np.int64)
