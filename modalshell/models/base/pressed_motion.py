@@ -38,7 +38,6 @@ class PressedMotion(ABC):
     OptionError for contacts that the model cannot take, and colliders that move too fast.
     """
 
-    note = ""
     presses = True
     holds = True
     """Whether the supports hold the shell."""
@@ -49,6 +48,11 @@ class PressedMotion(ABC):
         self._model, self._setup = model, setup
         self._pressing = self._contacts_of(model, given)
         self._none = self._memory(Pressed(np.empty(0), np.zeros_like(rest), self._pressing.no_pushes, True))
+
+    @property
+    def note(self) -> str:
+        """What is said of friction; "" without it."""
+        return ""
 
     @staticmethod
     @abstractmethod
