@@ -65,7 +65,6 @@ def small(tmp_path_factory):
     return in_fresh_processes(tmp_path_factory.mktemp("determinism"), (1, 1))
 
 
-@pytest.mark.slow
 def test_one_thread_gives_the_same_bits(small):
     first, second = small
     assert list(first) == list(second)

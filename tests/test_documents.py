@@ -321,7 +321,7 @@ def test_commands_of_a_checkout_run(line, checkout):
 def test_environments_are_made_as_the_documents_say(line, checkout):
     """One after the other, as a reader does, in an environment that is made once; skipped where no index answers.
 
-    What pip is to get is linked from here, and pip finds that it has what is needed; .ci/run lets it get everything.
+    What is installed here is linked, and pip gets the rest; from the index alone .ci/run gets `.[dev]`, no other extra.
     """
     site = checkout / ".venv" / "lib" / "python{}.{}".format(*sys.version_info) / "site-packages"
     for part in line.split(" && "):

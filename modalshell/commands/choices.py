@@ -37,8 +37,8 @@ _NOTHING = 1e-9
 """Modes below this fraction of the highest eigenvalue are resisted by rounding errors only."""
 UNSEEN, LARGE = 2e-3, 1.0
 """Largest displacement over size below which motion is invisible, and above which the shell is too soft."""
-_NOTHING = 1e-12
-"""The same below which there is none."""
+_UNMOVED = 1e-12
+"""Largest displacement over size below which nothing moves but by rounding."""
 
 
 def hold_one_end(mesh: ms.TriangleMesh, gravity: Array) -> tuple[NDArray[np.bool_], str]:
@@ -177,7 +177,7 @@ def motion_as_text(run: ms.Trajectory, size: float) -> str:
         return f"flies apart ({reach}): take a smaller --dt or more --damping"
     if run.outcome in (ms.Outcome.DISTORTED, ms.Outcome.WOUND_UP) or moved > LARGE:
         return f"too soft ({reach}): raise --young or --thickness, or lower --gravity"
-    if moved < _NOTHING:
+    if moved < _UNMOVED:
         return "does not move, as without a load: give another --gravity, or lower --young"
     if moved < UNSEEN:
         return f"too stiff to see ({reach}): lower --young, about {max(UNSEEN / moved, 2.0):.1g} times or more"

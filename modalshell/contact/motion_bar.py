@@ -29,6 +29,13 @@ class TouchingFrames:
     Friction is a load of the frame: the motion up to then has made it. It acts in parts of steps of a length ``part``
     [s], None without friction. ``supports`` hold the shell and move it: positions, and those of ``led`` vertices,
     which constraints lead, are in their frame. OptionError for what is no contact.
+
+    Attributes
+    ----------
+    contacts : tuple of Contact
+        The contacts.
+    estimator : ContactEstimator
+        What finds the bars.
     """
 
     def __init__(

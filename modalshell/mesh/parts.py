@@ -61,7 +61,7 @@ def loose_parts_fault(mesh: TriangleMesh, held: NDArray[np.bool_], *, wanted: bo
     first = int(np.flatnonzero(labels == loose[0])[0])
     free = f"{loose.size} of {count} parts of the mesh are not held (one of them has vertex {first}, counted from 0)"
     if wanted:
-        return f"{free}: six modes for each of them, or hold it"
+        return f"{free}: each takes six modes; ask for as many more, or hold it"
     return (
         f"{free} and would only fall; take one part (component 'largest', or its number from 0 by falling area), "
         f"{_joining(mesh)}hold each of them, or ask for all as they are (component 'all', in Python loose_parts=True)"

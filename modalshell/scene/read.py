@@ -228,11 +228,12 @@ def located(file: Path, path: str, table: msgspec.Struct, contacts: Sequence[Any
     except ModalShellError as error:
         if isinstance(error, SceneError) or not isinstance(error, ValueError):
             raise
-        if contacts and (numbered := re.match(r"contact (\d+) ", str(error))):
-            with_collider = [place for place, one in enumerate(contacts) if hasattr(one, "collider")]
-            place, rest = f"contacts[{with_collider[int(numbered[1])]}]", str(error)[numbered.end() :]
-            raise SceneError(f"{file}: {place}: the contact {rest}") from error
         named, said = getattr(table, "file", None), str(error)
+        if contacts and (numbered := re.search(r"\bcontact (\d+)\b", said)):
+            with_collider = [place for place, one in enumerate(contacts) if hasattr(one, "collider")]
+            place = f"contacts[{with_collider[int(numbered[1])]}]"
+            rest = f"{said[: numbered.start()]}the contact{said[numbered.end() :]}"
+            raise SceneError(f"{file}: {place}: {rest}") from error
         if isinstance(named, str) and (said.startswith(f"{named} ") or said.partition(": ")[0].endswith(named)):
             raise SceneError(f"{file}: {path}.file: {error}") from error
         name, _, rest = str(error).partition(" ")  # most messages begin with the parameter, or an entry of it

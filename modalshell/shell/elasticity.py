@@ -99,10 +99,10 @@ def directions_on(mesh: TriangleMesh, direction: Array) -> Array:
     MaterialError where a vector stands on its triangle.
     """
     given = np.asarray(direction, dtype=np.float64)
-    if given.shape == (3,) == (len(mesh.faces),):
+    if given.shape == (3,) == (len(mesh.faces),) and not np.isclose(np.linalg.norm(given), 1.0):  # no unit vector
         numbers = ", ".join(f"{number:g}" for number in given)
-        told = f"direction ({numbers}) is taken as a vector, not as an angle for each of the mesh's three triangles: of"
-        warnings.warn(f"{told} these give vectors (3, 3)", ModalShellWarning, stacklevel=2)
+        told = f"direction ({numbers}) is taken as a vector, not as an angle for each of the mesh's three triangles"
+        warnings.warn(f"{told}: for angles, give one vector per triangle (3, 3)", ModalShellWarning, stacklevel=2)
     angles = given if given.shape != (3,) and given.ndim < 2 else np.zeros(())
     vectors = np.array([1.0, 0.0, 0.0]) if angles is given else given
     vectors = np.broadcast_to(vectors, (len(mesh.faces), 3))

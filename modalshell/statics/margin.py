@@ -19,7 +19,7 @@ TOLERANCE = 0.05
 FAINT = 0.1
 """What the stresses take from which on that tolerance is relative: less is far from any critical load."""
 FEWEST, FEWEST_EARLY, STEPS = 6, 4, 40
-"""Lanczos iterations."""
+"""Lanczos iterations: the fewest, the fewest of an early margin, and the most."""
 SLACK = 2.0
 """Factor on that tolerance for early margins, which are right to a tenth of what the stresses take."""
 FAR, UNSEEN = 0.5, 1e-3

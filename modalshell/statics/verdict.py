@@ -10,8 +10,8 @@ _GROWS = (
     "that of wind too, holds it is shown by a motion from there"
 )
 LEVEL = (
-    "in balance, but some shapes resist no small push, as those of flat sheets of springs out of their plane: whether "
-    "it is stable is not known"
+    "in balance, but some shapes resist no small push, or too little to tell from rounding, as those of flat sheets of "
+    "springs out of their plane: whether it is stable is not known"
 )
 
 

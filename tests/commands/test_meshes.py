@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -202,6 +203,9 @@ def test_sheets_that_hang_by_a_vertex_are_refused_with_a_repair_that_works():
     assert basis.rigid_modes == 0
     assert softening(basis, GRAVITY)[0] > 0.0
     assert softening(basis, 0.0 * GRAVITY) == (1.0, SAG)
+    nearly = np.r_[1e-10 * basis.eigenvalues[-1], basis.eigenvalues[1:]]
+    with pytest.raises(ms.SupportError, match="nothing resists 1 lowest modes"):
+        softening(SimpleNamespace(shell=basis.shell, modes=basis.modes, eigenvalues=nearly), GRAVITY)
 
 
 @pytest.mark.by_default("sheet-False", "v_beam-True")

@@ -133,6 +133,10 @@ def test_what_a_motion_refuses_names_the_contact(scene_file):
             ms.SceneError, match=rf": contacts\[{place}\]: the contact \(Sphere\) moves .* m in the step"
         ):
             built.start_motion()
+    inside = 'kind = "self"\ngap = 1e-3\n[[contacts]]\nkind = "plane"\noffset = 0.5\n'
+    built = ms.load_scene(scene_file(('"mwts"', '"ds"'), more=f"[[contacts]]\n{inside}")).build()
+    with pytest.raises(ms.SceneError, match=r": contacts\[1\]: vertex \d+ begins .* inside the contact \(Plane"):
+        built.start_motion()
 
 
 @pytest.mark.slow

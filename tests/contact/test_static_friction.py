@@ -145,7 +145,6 @@ def test_the_answer_obeys_the_law_and_stays_where_it_is(collider):
     np.testing.assert_allclose(again.positions, state.positions, atol=1e-9)
 
 
-@pytest.mark.slow
 def test_stick_and_slip_settle_under_a_load_that_rounding_nearly_hides():
     mesh = ms.flat_beam(length=1.0, width=0.2, cells=(20, 4))
     shell = ms.Shell(mesh, ms.Isotropic(1e7, 0.3, 1e-3, 500.0), clamped=mesh.vertices[:, 0] < 1e-9)

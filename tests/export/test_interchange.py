@@ -295,7 +295,7 @@ def test_a_killed_export_leaves_the_file_as_it_was(run, tmp_path, suffix):
     assert [path for path in tmp_path.iterdir() if not path.name.startswith(".")] == [target]
 
 
-@pytest.mark.by_default(".usdc", ".usda")
+@pytest.mark.by_default(".usdc", ".vtkhdf")
 @pytest.mark.parametrize("suffix", [".usdc", ".usda", ".vtkhdf"])
 def test_an_export_without_room_says_so_and_leaves_no_file(run, tmp_path, suffix):
     """USD's own error left it, and HDF5 said nothing of a file without its frames."""

@@ -70,7 +70,7 @@ def test_sheets_close_together_keep_each_to_its_own_coarse_one():
     assert moved[inner].max() < 1e-9 < 1e-3 < moved[~inner].max()
 
 
-@pytest.mark.by_default("0.004-True")
+@pytest.mark.by_default("0.02-False", "0.004-True")
 @pytest.mark.parametrize(("pitch", "torn"), [(0.02, False), (0.006, False), (0.004, True)])
 def test_the_turns_of_a_roll_do_not_hold_one_another(pitch, torn):
     """Or it is said that they do: the chords of the coarse mesh are 2.4 mm deep."""

@@ -51,7 +51,7 @@ def test_a_tile_of_registers_is_transposed():
     np.testing.assert_array_equal(transposed(tile, LANES).reshape(LANES, LANES), tile.reshape(LANES, LANES).T)
 
 
-@pytest.mark.slow
+@pytest.mark.by_default("5", "44")
 @pytest.mark.parametrize("count", [2, 5, 12, 44, 61])
 def test_a_factor_solves_and_counts_negative_pivots(count):
     rng, width = np.random.default_rng(count), dense.width_of(count)
@@ -70,7 +70,7 @@ def test_a_factor_solves_and_counts_negative_pivots(count):
         assert solved(in_rows(whole, width, width), in_rows(right[None], 1, width), count) == -1
 
 
-@pytest.mark.slow
+@pytest.mark.by_default("6-12")
 @pytest.mark.parametrize(("rows", "count"), [(1, 3), (6, 12), (13, 44)])
 def test_products_of_rows(rows, count):
     rng, width = np.random.default_rng(rows), dense.width_of(count)

@@ -71,7 +71,9 @@ OTHERS = [(m, name) for m in (PLAIN, SHEET) for name in ("gravity", "load", "for
     "material1-shear",
     "material2-flexure",
     "material3-density",
+    "material6-thickness",
     "material9-load",
+    "material10-force",
     "material11-rest_angles",
     "material12-supports",
 )

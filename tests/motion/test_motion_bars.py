@@ -177,7 +177,7 @@ def test_what_has_none_is_refused(beam, rung):
         move(ms.RigidShell(free), 5.0, bars=5)
 
 
-@pytest.mark.by_default("8.0-False")
+@pytest.mark.by_default("5.0-True", "8.0-False")
 @pytest.mark.parametrize(("period", "told"), [(5.0, True), (8.0, False)])
 def test_frames_too_far_apart_for_accelerations_are_told(period, told):
     """Of a free vibration, by frames in a period; of a rest under the same weight nothing is told."""

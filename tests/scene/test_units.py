@@ -199,7 +199,7 @@ def test_messages_and_refusals_of_a_run_are_in_units_of_the_scene(tmp_path):
     case = Task(case_digest(scene, mesh), str(scene.file), tomllib.loads(SWUNG), *arrays)
     assert run_case(case).message == message
     (tmp_path / "inside.toml").write_text(f'{SWUNG}[[contacts]]\nkind = "plane"\noffset = 0.5\n')
-    with pytest.raises(SceneError, match=r"begins 0\.5 cm inside contact 0"):
+    with pytest.raises(SceneError, match=r"begins 0\.5 cm inside the contact"):
         run_scene(tmp_path / "inside.toml", out=tmp_path)
     (tmp_path / "short.toml").write_text(SWUNG.replace("duration = 100.0", "duration = 1.0"))
     with pytest.raises(SceneError, match="at least one step of 10 ms"):

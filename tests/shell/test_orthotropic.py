@@ -290,4 +290,5 @@ def test_three_numbers_on_three_triangles_are_said_to_be_a_vector():
     )
     with pytest.warns(ms.ModalShellWarning, match=r"direction \(10, 20, 30\) is taken as a vector, not as an angle"):
         ms.Shell(fan, ms.Orthotropic(**WOOD, direction=[10.0, 20.0, 30.0]), clamped=[0, 1])
-    ms.Shell(fan, ms.Orthotropic(**WOOD, direction=np.full((3, 3), [1.0, 2.0, 0.0])), clamped=[0, 1])
+    for vectors in (np.full((3, 3), [1.0, 2.0, 0.0]), [0.6, 0.8, 0.0]):
+        ms.Shell(fan, ms.Orthotropic(**WOOD, direction=vectors), clamped=[0, 1])

@@ -144,7 +144,7 @@ def test_page_plays_and_takes_gravity_model_and_modes(page):
     wait_for(lambda: status.inner_text().startswith("DS;"))
     page.click("#play")
     wait_for(lambda: changed(page, still))
-    page.click("#play")  # its server goes on, and need not work
+    page.click("#play")  # the tests that follow share the server: a motion that plays on would slow them
 
 
 @pytest.mark.slow

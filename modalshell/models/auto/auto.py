@@ -160,7 +160,7 @@ class Auto(Model):
         return self._solve_unled(loading, start)
 
     def _solve_unled(self, loading: Loading, start: Array | None, contacts: Sequence[Any] = ()) -> Equilibrium:
-        """The modal answer where its bar is small, corrected but for contacts; that of DS elsewhere, and the reason."""
+        """The modal answer where its bar is small, corrected where nothing touches; else that of DS, and why."""
         modal, full = self.levels[0].model, self.levels[-1].model
         rough = any(contact.friction or getattr(contact, "push_out", 0.0) for contact in contacts)
         if rough or self._free is not None:  # they have no bar: of free parts nothing says where these rest

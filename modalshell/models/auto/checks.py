@@ -75,7 +75,7 @@ class HeldCheck(BalancedBars):
         return 0.0 if self._touching is None else self._touching.strike_ahead(x, v, time, dt)
 
     def supports_at(self, time: float) -> None:
-        """None: frames are in theirs."""
+        """None, as frames are in the frame of the supports; see :meth:`BalancedBars.supports_at`."""
 
     def local(self, x: Array) -> Array:
         """Positions (n, 3) [m] in the frames."""

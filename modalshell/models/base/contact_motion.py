@@ -48,6 +48,7 @@ class ContactMotion:
     """
 
     presses = False
+    """Vertices are its unknowns: nothing is pressed in beyond them."""
 
     def __init__(
         self,
@@ -205,6 +206,6 @@ class ContactMotion:
         return self._kept(state)
 
     def begin(self, state: MotionState, positions: Array) -> MotionState:
-        """A start at its coordinates, which are the positions where supports have brought these."""
+        """A start, refused inside a collider; supports may have moved ``positions`` on to its coordinates."""
         self.steps.begin(state.coordinates)
         return self._kept(state)

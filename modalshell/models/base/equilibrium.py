@@ -178,9 +178,11 @@ class Equilibrium(Drawn):
 def where_level(
     end: Equilibrium, loading: Loading, curves_down: Callable[[Array], bool | None], *, drifts: bool = False
 ) -> Equilibrium:
-    """The end of a search, no saddle where ``curves_down`` of its positions is False: its Hessian is singular at most.
+    """The end of a search; one called a saddle has converged where ``curves_down`` of its positions (n, 3) is False.
 
-    What ``drifts`` is so along its free motions, and stable; of another shell the Hessian does not tell.
+    Its Hessian is singular then, to rounding. That of a shell that ``drifts`` is so along its free motions, and the
+    shell is stable; of another one stability is not known. Live loads, and creases of a held shell, are left as they
+    are.
     """
     known = end.outcome is not Outcome.UNSTABLE or loading.live or (end.creases is not None and not drifts)
     if known or curves_down(end.positions) is not False:

@@ -141,7 +141,7 @@ class Model(ABC):
         contacts: Sequence[Contact] = (),
         constraints: Sequence[Constraint] = (),
     ) -> Equilibrium:
-        """The model's own answer, all being checked; whether loads are beyond its range, which is dear, is not said."""
+        """Answer of the model itself from ``start`` (n, 3) [m], unchecked; loads beyond its range are not sought."""
         if contacts:
             return self._solve_touching(loading, start, contacts, constraints)
         if constraints:

@@ -39,6 +39,7 @@ class PressedMotion(ABC):
     """
 
     presses = True
+    """Whether contacts press displacements in beyond the model's own unknowns."""
     holds = True
     """Whether the supports hold the shell."""
 
@@ -69,7 +70,7 @@ class PressedMotion(ABC):
         return self._pressing.touching
 
     def begin(self, state: MotionState, positions: Array) -> MotionState:
-        """A start, refused inside a collider; so are its ``positions`` (n, 3) [m], if the modes do not hold these.
+        """A start, refused where it, or the ``positions`` (n, 3) [m] that it stands for, are inside a collider.
 
         Of positions outside, what the modes lack is pressed in: such are a model's own answers with contacts.
         """

@@ -216,7 +216,8 @@ class ContactStepper(Stepper):
     """Steps with contacts, which may press vertices in beyond what the model's own coordinates give.
 
     What takes them is asked to ``begin`` a motion, to ``clear`` a state of contact forces, to put out of the colliders
-    one that has ``entered`` from another motion, and what touches in a ``frame``.
+    one that has ``entered`` from another motion, what touches in a ``frame``, and for its ``touching``, ``energy`` [J]
+    beyond the model's own and ``note``; where it ``presses``, also for the ``local`` displacements (n, 3) [m].
     """
 
     takes_contacts = True
@@ -298,8 +299,8 @@ class ContactStepper(Stepper):
 
     def took_part(self, state: MotionState, time: float, dt: float, begin: float) -> None:
         """Take note of the impulses of a part of a step; see :meth:`Stepper.took_part`."""
-        found, (known, given) = self._touched_last(state, time), self._given
-        if found is not None and self._presses:  # else the frame's forces are those of all parts already
+        found, (known, given) = self._touched_last(state, time) if self._presses else None, self._given
+        if found is not None:  # else the frame's forces are those of all parts already
             self._given = begin, (given if known == begin else 0.0) + dt * found.forces
 
     def _touched_last(self, state: MotionState, time: float) -> TouchedFrame | None:

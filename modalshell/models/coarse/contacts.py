@@ -93,10 +93,12 @@ class CoarseContactMotion:
 
     These are as :class:`ContactMotion` takes them of DS, the coarse vertices staying out of the colliders. Fine ones
     between them may dip by what the surface is off them: ``deepest`` of a frame is that of the fine vertices. The
-    ``model``, coarse DS or the hybrid, is about ``origin`` (3,) [m] in the world.
+    ``model``, coarse DS or the hybrid, is about ``origin`` (3,) [m] in the world. ``touching`` are the contacts of the
+    fine vertices.
     """
 
     presses = False
+    """Coarse vertices are its unknowns: nothing is pressed in beyond them."""
 
     def __init__(self, model: Any, setup: MotionSetup, origin: Array) -> None:
         given = checked_contacts(setup.contacts, setup.supports)

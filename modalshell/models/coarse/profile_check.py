@@ -34,8 +34,9 @@ _CLOSE = 1e-2
 _ITERATIONS: int = np.int64(6)  # type: ignore[assignment]
 _JUDGED: int = np.int64(2)  # type: ignore[assignment]
 _HOPEFUL = 0.2
-"""Residual at which iterations with the factor of another step have solved a step's equations, the most of them, and
-the iteration after which more than a residual is beyond hope."""
+"""Residual at which iterations with the factor of another step have solved a step's equations, and the most of them;
+the iteration after which they are given up, if the residual is larger than the last number. The first is above that of
+:mod:`modalshell.statics.margin`: the step is short, and its error a hundredth of it."""
 _JUST_BELOW = 1e-13
 """Distance below that eigenvalue, in sizes of the matrix, at which it is definite for certain."""
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True} | UNCOUNTED
@@ -202,18 +203,18 @@ def check(body, rooms, lanczos, start, load, probe, early):  # type: ignore[no-u
     ``rooms`` are the room, and the same with the two matrices in each other's place. ``probe`` (3b,) is where Lanczos
     iterations start.
 
-    If it may be ``early``, iterations with the first step's factor take the second where the first is short and few
-    do, and the margin is found where the second began, without another factor: there the lowest ratio r of G to
-    ``K_1``, by the first step's factor, makes it ``1 + r``; where the second step has its own, of ``K_1 + G``, it is
-    ``1 / (1 - r)``. That serves where the second step is short and the margin large. In checks of motions drawn by a
-    seed what the latter takes from 1 was then within 0.022 and 9 % of that after the step; by the first step's factor
-    in 54 of them within 0.014 and 5 %.
+    If it may be ``early``, and the first step is short, a few iterations with its factor solve the second step, where
+    they do. The margin is then found where the second step began, without another factor. By the first step's factor,
+    of ``K_1``, it is ``1 + r``, r being the lowest ratio of G to ``K_1``; by a factor of the second step's own, of
+    ``K_1 + G``, it is ``1 / (1 - r)``. That serves where the second step is short and the margin large. In checks of
+    motions drawn by a seed, 1 less the margin was then within 0.022 and 9 % of that after the step; in the 54 checks
+    that took the first step's factor, within 0.014 and 5 %.
 
     Returns the margin, not a number where a pivot vanishes or the first part is not definite; the Lanczos iterations,
-    those of the second step with them; and the factorisations.
+    those of the second step with them; the factorisations; and passes over the elements without one.
     """
     room = rooms[0]
-    x, elastic, products, factors, negative, near, short = room.x, body.elastic, 0, 0, 0, 0, False
+    x, elastic, products, factors, passes, negative, near, short = room.x, body.elastic, 0, 0, 0, 0, 0, False
     write(start, x)
     write(load, room.push)
     still(room)
@@ -237,6 +238,7 @@ def check(body, rooms, lanczos, start, load, probe, early):  # type: ignore[no-u
         if stage == _BY_KEPT_FACTOR:
             near = _solve_near(body, room, lanczos, x) if short else 0
             products += near
+            passes += 2 + near  # energy, second part, and what resists each direction
             if near == 0:
                 continue
             way = room.way
@@ -260,8 +262,8 @@ def check(body, rooms, lanczos, start, load, probe, early):  # type: ignore[no-u
             products += more
             left = 1.0 / (1.0 - lowest) if stage == _SECOND_STEP else 1.0 + lowest
             if stage == _AFTERWARDS or left > _CLEAR:
-                return left, products, factors
-    return np.nan, products, factors
+                return left, products, factors, passes
+    return np.nan, products, factors, passes
 
 
 @njit(**_options)

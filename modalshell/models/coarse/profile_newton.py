@@ -1,7 +1,7 @@
 """Compiled Newton solver of implicit Euler for small shells: factorisation, warped steps.
 
 The method is that of :mod:`modalshell.statics.mixed_newton`, on the storage of a profile factorisation. What knows the
-elastic energy is a record of its own with five operations, those of :mod:`.profile_elasticity`.
+elastic energy is a record of its own with six operations, those of :mod:`.profile_elasticity`.
 """
 
 from __future__ import annotations

@@ -96,8 +96,10 @@ class ProfileStep:
         """
         room, lanczos = self._room(), self._lanczos()
         rooms = room, room._replace(values=room.second, second=room.values)
-        margin, products, factors = check(self._body, rooms, lanczos, writeable(x), writeable(load), self._probe, early)
-        count_elements(2 * factors * self._body.elastic.evaluated)  # gradients, Hessians, geometric part and stresses
+        given = lanczos, writeable(x), writeable(load), self._probe, early
+        margin, products, factors, passes = check(self._body, rooms, *given)
+        # With each factor gradients, Hessians, geometric part and stresses.
+        count_elements((2 * factors + passes) * self._body.elastic.evaluated)
         count_factorisation(self._unknowns, factors, self._products)
         count_solves(self._unknowns, 3 + products)  # Lanczos solves once more than it multiplies
         return (room.x.copy(), float(margin)) if np.isfinite(margin) else None

@@ -31,7 +31,7 @@ _NO_STATE = 1.0
 _MARGIN = 0.25
 """Change of the load, as a share of it, that brings a snap, below which no error is known."""
 _SMALL = 1e-3
-"""Change of the load over which the Hessian is differenced."""
+"""Change of the load to either side over which the Hessian is differenced."""
 
 
 def coarse_errors(model: CoarseDiscreteShell, load: Array, frames: int) -> Array:
