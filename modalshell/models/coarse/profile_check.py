@@ -35,7 +35,7 @@ _ITERATIONS: int = np.int64(6)  # type: ignore[assignment]
 _JUDGED: int = np.int64(2)  # type: ignore[assignment]
 _HOPEFUL = 0.2
 """Residual at which iterations with the factor of another step have solved a step's equations, and the most of them;
-the iteration after which they are given up, if the residual is larger than the last number. The first is above that of
+the iteration after which they are aborted, if the residual is larger than the last number. The first is above that of
 :mod:`modalshell.statics.margin`: the step is short, and its error a hundredth of it."""
 _JUST_BELOW = 1e-13
 """Distance below that eigenvalue, in sizes of the matrix, at which it is definite for certain."""
