@@ -19,8 +19,8 @@ from modalshell.mesh.lloyd import delaunay_faces, relax_in_rectangle, signed_are
 from modalshell.mesh.topology import FloatArray, IntArray
 
 FAMILIES = ("alternating", "equilateral", "union-jack", "lloyd", "delaunay", "right")
-_CELL_BYTES, _SHELL_BYTES = 700, 2_700
-"""Memory per cell [bytes] while a mesh is made, and of a shell on it."""
+_CELL_BYTES, _SHELL_BYTES, _SHELL_SECONDS = 700, 5_000, 2.2e-5
+"""Memory per cell [bytes] while a mesh is made, and memory and time [s] of a shell of :class:`Isotropic` on it."""
 _SLOW_CELLS = 300_000
 """Cells from which a mesh and a shell on it take more than some five seconds."""
 _MOST_CELLS = 20_000_000
@@ -102,7 +102,7 @@ def check_cells(cells: Sequence[int]) -> tuple[int, int]:
     demand_memory(what, _CELL_BYTES * along * across, "take fewer cells")
     if along * across > _SLOW_CELLS:
         warnings.warn(
-            f"{what} and a shell on it take about {1.5e-5 * along * across:.0f} s and "
+            f"{what} and a shell on it take about {_SHELL_SECONDS * along * across:.0f} s and "
             f"{gigabytes(_SHELL_BYTES * along * across)}; take fewer cells to be faster",
             ModalShellWarning,
             stacklevel=4,

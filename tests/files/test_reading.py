@@ -164,7 +164,7 @@ def test_work_that_does_not_fit_is_refused_before_it_starts(monkeypatch, tmp_pat
 
 @pytest.mark.slow
 def test_long_work_is_announced():
-    with pytest.warns(ms.ModalShellWarning, match=r"160000 x 2 cells and a shell on it take about 5 s and 0\.864 GB"):
+    with pytest.warns(ms.ModalShellWarning, match=r"160000 x 2 cells and a shell on it take about 7 s and 1\.6 GB"):
         ms.flat_beam(cells=(160_000, 2))
 
 
