@@ -9,7 +9,7 @@ from guide import ROOT
 from packaging.requirements import Requirement
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-OWN = PROJECT["name"]
+NAME = PROJECT["name"]
 
 
 def needed(text):
@@ -21,7 +21,7 @@ def needed(text):
     while waiting:
         requirement = waiting.pop()
         try:
-            there = None if requirement.name == OWN else distribution(requirement.name)
+            there = None if requirement.name == NAME else distribution(requirement.name)
         except PackageNotFoundError:
             continue
         if there is not None and not requirement.specifier.contains(there.version, prereleases=True):

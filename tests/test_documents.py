@@ -19,8 +19,7 @@ from contextlib import closing
 
 import pytest
 from guide import CONTRIBUTING, PAGES, ROOT, blocks, commands, source
-from installed import OWN as PROJECT
-from installed import put_into
+from installed import NAME, put_into
 
 import modalshell as ms
 from modalshell import springs
@@ -328,7 +327,7 @@ def test_environments_are_made_as_the_documents_say(line, checkout):
         if part == MADE and (checkout / ".venv" / "pyvenv.cfg").exists():
             continue
         if wanted := re.fullmatch(r".*pip install '?\.(\[\w+\])?'?", part):
-            put_into(site, PROJECT + (wanted[1] or ""))
+            put_into(site, NAME + (wanted[1] or ""))
         status, output = in_shell(SET_UP.get(part, part), checkout, PYTHONPATH="", PIP_NO_COMPILE="0")  # to pip: yes
         if status != 0 and re.search(r"No matching distribution|ConnectionError|NewConnectionError", output):
             pytest.skip("no package index answers here")

@@ -37,6 +37,11 @@ class InternalUnknowns:
         """Number of internal unknowns m."""
         return int(self.vertices.shape[0])
 
+    @property
+    def entries(self) -> int:
+        """Number of entries of their coupling, and of their own stiffness."""
+        return int(3 * self.vertices.nnz + self.stiffness.nnz)
+
 
 @short_repr
 @dataclass(frozen=True)
@@ -66,8 +71,7 @@ class SparsePattern:
     @property
     def size(self) -> int:
         """Number of entries of a Hessian."""
-        inner = self.internal
-        return self.block_size + (0 if inner is None else 3 * inner.vertices.nnz + inner.stiffness.nnz)
+        return self.block_size + (0 if self.internal is None else self.internal.entries)
 
     @functools.cached_property
     def structure(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
@@ -172,8 +176,7 @@ def build_pattern(
         For each pair of an element's vertices, where its 3 x 3 block begins in the CSR values; -1 where it has none.
         Those of patterns beyond the range of int32 are int64.
     """
-    inner = 0 if internal is None else 3 * internal.vertices.nnz + internal.stiffness.nnz
-    blocks, slots = _blocks(vertex_count, stencils, inner)
+    blocks, slots = _blocks(vertex_count, stencils, 0 if internal is None else internal.entries)
     strides = 3 * np.diff(blocks.indptr).astype(np.int64)
     rows = np.repeat(np.arange(vertex_count, dtype=np.int32), np.diff(blocks.indptr))
     # A block begins at the entries of the rows before it, and after those of the blocks before it in its first row.
@@ -220,9 +223,8 @@ def _found_blocks(
     """:func:`block_slots`, and how many pairs a square pattern lacks."""
     kind: Any = np.int32 if size < 2**31 else np.int64
     slots: Index = np.empty((*rows.shape, columns.shape[1]), kind)
-    rows, columns = (
-        np.require(a, requirements=("C", "W")) for a in (rows, columns)
-    )  # a read-only one compiles it again
+    # A read-only one compiles it again.
+    rows, columns = (np.require(a, requirements=("C", "W")) for a in (rows, columns))
     return slots, find_blocks(rows, columns, blocks.indptr, blocks.indices, lead, shift, slots)
 
 

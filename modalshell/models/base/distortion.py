@@ -75,8 +75,7 @@ class Distortion:
             return False
         faces, areas, pairs = self._sample
         limits = _AREA, _OVER, int(_CLEARLY * _SHARE * _SAMPLE)
-        x = writeable(positions)  # as below: positions at rest are read-only
-        area, changed, folded = surface_changes(x, faces, areas, pairs, *limits, self._normals())
+        area, changed, folded = surface_changes(positions, faces, areas, pairs, *limits, self._normals())
         rest, slightly = areas.sum(), _AREA**_CLEARLY
         return bool(
             1.0 / slightly < area / rest < slightly
@@ -99,11 +98,11 @@ class Distortion:
 
         ``farthest`` gives a length [m] that no vertex is beyond from rest; where it is short, no extent is looked at.
         """
+        positions = writeable(positions)  # those at rest are read-only: the kernel is compiled once
         if self._clear(positions, farthest):
             return ""
         rest, rest_area, hinges = self._rest
-        x = writeable(positions)
-        area, changed, folded = surface_changes(x, *rest, _AREA, _OVER, int(_SHARE * hinges), self._normals())
+        area, changed, folded = surface_changes(positions, *rest, _AREA, _OVER, int(_SHARE * hinges), self._normals())
         ratio = area / rest_area
         if not 1.0 / _AREA < ratio < _AREA:
             return f"the surface area is {ratio:.3g} of that at rest"
