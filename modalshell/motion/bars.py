@@ -61,6 +61,12 @@ class Bars:
         return float(self.displacement[self.valid].max(initial=0.0))
 
     @property
+    def least_margin(self) -> float | None:
+        """The smallest stability margin; None where none could be found."""
+        known = self.margin[self.margin > -_MOST]
+        return float(known.min()) if known.size else None
+
+    @property
     def void_from(self) -> float | None:
         """Time [s] of the first bar that is void, of frames that could be judged; None if all hold."""
         void = self._void

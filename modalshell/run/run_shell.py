@@ -39,7 +39,6 @@ from modalshell.scene.parts import build_path
 from modalshell.scene.read import located
 from modalshell.scene.tables import MotionTable
 from modalshell.shell import Shell
-from modalshell.statics.buckling import ADVICE, buckles
 
 _FAULT_BYTES = 64
 """Bytes of a fault's name in a stored record."""
@@ -170,10 +169,7 @@ class ShellRun(SceneRun[SceneResult]):
                 run = replace(run, reactions=shell_at(self.shell, run, 0).reactions(x, **load)[None])
         else:
             run, resumed = _move(built, scene.motion, file, self.identity, restart, on_step)
-        asked = scene.motion is not None and scene.model.spec.quadratic  # statics say so themselves
-        if asked and buckles(self.shell, built.loading().force(self.shell.rest_positions)):
-            run = run.with_remark(ADVICE)
-        self._take(built.with_bars(run).in_units(scene.unit_system))
+        self._take(built.judged(run).in_units(scene.unit_system))
         own = None
         if self._answer is not None and self._fields:
             own = built.model.elastic_energy(built.model.start_motion(self._answer.positions))

@@ -51,6 +51,7 @@ from modalshell.scene.sheets import CardTable, MaterialTable, SheetTable, odd_va
 from modalshell.scene.signatures import energy_entries, load_entries
 from modalshell.shell import Shell
 from modalshell.shell.demands import demand_shell
+from modalshell.statics.buckling import ADVICE, buckles
 from modalshell.supports import Clamp, Support, Unknowns, supported_unknowns
 from modalshell.supports.constraints import Constraint, checked_constraints
 
@@ -359,9 +360,16 @@ class BuiltScene:
                 tolerance=build_tolerance(table),
             )
 
-    def with_bars(self, run: Trajectory) -> Trajectory:
-        """A motion of the scene with error bars, where the scene asks for them."""
-        if not self.scene.bar or (table := self.scene.motion) is None:
+    def judged(self, run: Trajectory) -> Trajectory:
+        """A motion of the scene with error bars, where it asks for them, and a remark if its load buckles the shell.
+
+        Of an equilibrium the model has said so itself.
+        """
+        if (table := self.scene.motion) is None:
+            return run
+        if self.scene.model.spec.quadratic and buckles(self.shell, self.loading().force(self.shell.rest_positions)):
+            run = run.with_remark(ADVICE)
+        if not self.scene.bar:
             return run
         wanted = wanted_bars(BARS_EVERY, self.model, self.contacts, table.dt, self.path, self.constraints)
         return with_bars(run, self.model, self.loading(), wanted, damping=build_damping(table), supports=self.path)

@@ -67,6 +67,11 @@ class Measures(Struct, frozen=True, kw_only=True):
     elastic_energy: float | None
     load_potential: float | None
     """In the last frame [J]."""
+    error_bar: float | None = None
+    """Bar on the displacement, over the largest one; of a motion the largest. None where there is none, or it is void
+    anywhere."""
+    margin: float | None = None
+    """Smallest stability margin of the checked frames."""
 
 
 class RunInfo(Struct, frozen=True):
@@ -146,54 +151,49 @@ def _run_info(building: float, solving: float, heard: list[str]) -> RunInfo:
 
 
 def _solved(built: BuiltScene) -> tuple[Outcome, str, Measures, Array]:
-    """Outcome, message, numbers and last positions of an equilibrium or a motion, whose frames are not kept."""
+    """Outcome, message, numbers and last positions of an equilibrium or a motion."""
+    numbers: dict[str, Any]
     if built.scene.motion is None:
         answer = built.equilibrium()
-        last = answer.positions
-        still = Trajectory.still(answer, built.shell, built.loading())
-        measures = _measures(
-            built,
-            last,
-            still.energies[-1],
-            converged=answer.converged,
-            frames=1,
-            unconverged_steps=int(not answer.converged),
-            iterations=answer.iterations,
-            residual=_finite(answer.residual),
-            peak_displacement=_largest(last, built),
-        )
-        message = "; ".join(filter(None, (still.message, "" if answer.bar is None else str(answer.bar))))
-        return still.outcome, message, measures, last
-    table, motion = built.scene.motion, built.start_motion()
-    recorder = Recorder(motion, table.steps(), store_every=table.store_every)
-    peak = 0.0
-    for _ in recorder.frames():
-        last = motion.positions()
-        peak = max(peak, _largest(last, built))
-    measures = _measures(
-        built,
-        last,
-        recorder.energies[-1],
-        converged=motion.finite and not motion.unconverged,
-        frames=len(recorder.times),
-        unconverged_steps=motion.unconverged,
-        iterations=None,
-        residual=None,
+        run = Trajectory.still(answer, built.shell, built.loading())
+        peak = _largest(answer.positions, built)
+        numbers = {
+            "converged": answer.converged,
+            "unconverged_steps": run.unconverged_steps,
+            "iterations": answer.iterations,
+            "residual": _finite(answer.residual),
+        }
+    else:
+        table, motion = built.scene.motion, built.start_motion()
+        recorder = Recorder(motion, table.steps(), store_every=table.store_every)
+        peak, frames = 0.0, list[Array]()
+        for _ in recorder.frames():
+            kept = len(frames) if built.scene.bar else 0  # bars take all frames, other measures the last one
+            frames[kept:] = [motion.positions()]
+            peak = max(peak, _largest(frames[-1], built))
+        run = built.judged(recorder.trajectory(np.array(frames)))
+        numbers = {
+            "converged": motion.finite and not motion.unconverged,
+            "unconverged_steps": motion.unconverged,
+            "iterations": None,
+            "residual": None,
+        }
+    last, bars = run.positions[-1], run.bars
+    kinetic, elastic, potential = map(_finite, run.energies[-1])
+    measures = Measures(
+        frames=len(run.times),
+        displacement=_finite(_largest(last, built)),
         peak_displacement=_finite(peak),
-    )
-    return *recorder.verdict(), measures, last
-
-
-def _measures(built: BuiltScene, positions: Array, energies: Array, **others: Any) -> Measures:
-    kinetic, elastic, potential = map(_finite, energies)
-    return Measures(
-        displacement=_finite(_largest(positions, built)),
-        area_change=_finite(area_change(positions, built.shell.mesh)),
+        area_change=_finite(area_change(last, built.shell.mesh)),
         kinetic_energy=kinetic,
         elastic_energy=elastic,
         load_potential=potential,
-        **others,
+        error_bar=bars.largest if bars is not None and bars.valid.size and bars.valid.all() else None,
+        margin=None if bars is None else bars.least_margin,
+        **numbers,
     )
+    message = "; ".join(filter(None, (run.message, "" if bars is None else str(bars))))
+    return run.outcome, message, measures, np.asarray(last)
 
 
 def _largest(positions: Array, built: BuiltScene) -> float:

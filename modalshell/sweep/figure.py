@@ -37,6 +37,8 @@ _LABELS = {
     "kinetic_energy": "kinetic energy",
     "elastic_energy": "elastic energy",
     "load_potential": "potential of the load",
+    "error_bar": "error bar on the displacement",
+    "margin": "stability margin",
 }
 _COLORS = ("#2b5fc8", "#c8322b", "#2f9e44", "#d98200", "#7b2d8e", "#17a2b8", "#8c564b", "#777777")
 _RANGES = ("#440154", "#414487", "#2a788e", "#22a884", "#7ad151", "#fde725")

@@ -18,7 +18,7 @@ from modalshell.sweep.summary import MEASURES, unit_rows
 
 _CASES = 400
 """Cases that the printed table names at most; the file has all."""
-_SHOWN = ("displacement", "peak_displacement", "error", "area_change", "iterations", "unconverged_steps")
+_SHOWN = ("displacement", "peak_displacement", "error", "error_bar", "area_change", "iterations", "unconverged_steps")
 """Measures of the printed table, where any case has them."""
 _NAMES = {"error": "relative error", "unconverged_steps": "steps that did not converge"}
 

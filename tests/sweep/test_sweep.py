@@ -300,15 +300,18 @@ def test_parquet_without_pyarrow_is_refused_before_any_work(write, tmp_path, mon
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.slow
-def test_equilibria_say_their_error_bars(tmp_path, here):  # noqa: ARG001 (computed in this process)
-    (tmp_path / "base.toml").write_text("bar = true\n" + LOADED_BEAM)
+@pytest.mark.parametrize("motion", ["", "[motion]\nduration = 0.4\ndt = 0.02\n"], ids=["still", "moving"])
+@pytest.mark.usefixtures("here")
+def test_cases_have_the_error_bars_of_a_run(tmp_path, motion):
+    (tmp_path / "base.toml").write_text("bar = true\n" + LOADED_BEAM + motion)
     file = tmp_path / "beams.toml"
     file.write_text('scene = "base.toml"\n[axes]\n"material.flexure" = [0.05, 0.1]\n')
-    ms.run_sweep(file, out=tmp_path / "out")
-    rows = rows_of(tmp_path / "out" / "beams_sweep.csv")
-    assert len(rows) == 2
-    assert all("from DS" in row["message"] for row in rows)
+    first = ms.run_sweep(file, out=tmp_path / "out").rows[0]
+    bars = ms.run_scene(tmp_path / "base.toml", out=tmp_path / "run").trajectory.bars
+    assert first["message"].endswith(str(bars))
+    assert "from DS" in first["message"]
+    assert first["error_bar"] == pytest.approx(bars.displacement.max(), rel=1e-9)
+    assert first["margin"] == pytest.approx(bars.margin.min(), rel=1e-9)
 
 
 def test_units_of_axes_within_lists():
