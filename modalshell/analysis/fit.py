@@ -51,7 +51,8 @@ class Fit:
     values : dict of float
         The constants, by name.
     intervals : dict of (float, float)
-        Confidence interval of each, for independent errors of one variance.
+        Confidence interval of each, for independent errors of one variance; coordinates that no constant changes, as
+        those of held vertices, do not count.
     material : Material or Sheet
         The material with these constants.
     state : Equilibrium or None
@@ -160,7 +161,8 @@ def fit(
     differences = misfit.at(optimum.x, exact=True)
     slopes = misfit.jacobian(optimum.x)
     _refuse_undetermined(slopes, misfit.state)
-    half_widths = _half_widths(slopes, differences, confidence)
+    varied = slopes.any(axis=1)  # what supports hold was known before
+    half_widths = _half_widths(slopes[varied], differences[varied], confidence)
     values, low, high = (misfit.constants(optimum.x + side * half_widths).tolist() for side in (0.0, -1.0, 1.0))
     if not np.isfinite([low, high]).all():
         raise SolverError("the measurements say next to nothing of the constants: measure more, or under another load")
@@ -329,7 +331,7 @@ def _checked_constants(shell: Shell, wrt: str | Sequence[str]) -> list[str]:
 
 def _refuse_undetermined(jacobian: Array, state: Equilibrium | None) -> None:
     """SolverError unless the columns differ by more than the residual of the equilibrium that they are taken at."""
-    count, parameters = jacobian.shape
+    count, parameters = int(jacobian.any(axis=1).sum()), jacobian.shape[1]
     sizes = np.linalg.norm(jacobian, axis=0)
     least = max(_ALIKE, 10.0 * state.residual if state is not None else 0.0)
     if count > parameters and sizes.all():

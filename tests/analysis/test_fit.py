@@ -69,6 +69,19 @@ def test_a_noisy_tip_curve_gives_young_within_its_interval(strip, measured):
 
 
 @pytest.mark.slow
+def test_held_vertices_make_no_interval_narrower(strip, measured):
+    """Their places were known before they were measured."""
+    free = strip.rest_positions[:, 0] > 0.5
+    noise = 1e-4 * np.random.default_rng(0).standard_normal((free.sum(), 3))
+    guess, seen = strip.with_material(replace(SHEET, young=2e6)), measured.copy()
+    seen[free] += noise
+    without = ms.fit(guess, "young", seen[free], where=free, gravity=GRAVITY)
+    both = free | strip.clamped
+    found = ms.fit(guess, "young", seen[both], where=both, gravity=GRAVITY)
+    assert found.intervals["young"] == pytest.approx(without.intervals["young"], rel=1e-6)
+
+
+@pytest.mark.slow
 def test_two_constants_are_told_apart():
     """Weight and stiffness by where the shell is, Poisson's ratio by how it bends across."""
     mesh = ms.sheet(length=1.0, width=0.8, cells=(8, 8))
