@@ -112,7 +112,9 @@ def simulate(
     Trajectory
         The stored frames. A motion that leaves the finite numbers stops with the outcome "diverged". One that runs
         away, has wound up, keeps cycling although damped, whose constraints were not met or whose steps did not all
-        converge says so in its outcome and its message.
+        converge says so in its outcome and its message. That a load is beyond the linear buckling load, which modal
+        models cannot follow, is not looked for here, as it takes a factorisation: their static answers and runs of
+        scenes say so, and :func:`modalshell.buckling_factors` has the factor.
 
     Raises
     ------
