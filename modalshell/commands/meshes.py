@@ -28,8 +28,9 @@ from modalshell.models.motion_check import bar_at_largest
 from modalshell.models.registry import MODELS, TRUTH
 from modalshell.modes import model_basis
 from modalshell.modes.rigid import left_free
+from modalshell.motion.colouring import DISPLACEMENT
 from modalshell.render.content import DEFAULT_CAMERA, checked_direction
-from modalshell.run.results import DISPLACEMENT, Look
+from modalshell.run.results import Look
 from modalshell.run.run_shell import ShellRun
 from modalshell.scene import ShellScene, parse_scene
 from modalshell.scene.models import model_tables

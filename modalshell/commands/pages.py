@@ -18,10 +18,10 @@ from modalshell.models.base.model import NO_POTENTIAL
 from modalshell.models.factory import MODE_COUNT
 from modalshell.models.reduced_rotation_strain import ReducedWarp, trained_on_loads
 from modalshell.modes import model_basis
-from modalshell.page import Page, Tones, farthest, live_model, recorded, shell_page
+from modalshell.motion.colouring import Colouring
+from modalshell.page import Page, farthest, live_model, recorded, shell_page
 from modalshell.page.modal_page import live_tip
 from modalshell.render.bodies import seen_contacts
-from modalshell.run.results import Colouring
 from modalshell.run.run_scene import run_in_memory
 from modalshell.scene import ShellScene
 from modalshell.scene.parts import build_damping
@@ -121,7 +121,7 @@ class _ShellPage:
             shapes,
             motion.amplitudes,
             label=f"The scene's {what}, {name}",
-            tones=self._tones(run),
+            tones=None if scene.output.color is None else Colouring.of(run, scene.output.color),
             bars=run.bars,
         )
         remark = [] if run.message in ("", NO_POTENTIAL) else [f"{run.message[0].upper()}{run.message[1:]}."]
@@ -134,13 +134,6 @@ class _ShellPage:
             live=live, record=record, gravity=gravity, units=units, notes=notes + said,
             bodies=[contact.body(corners, motion.times, inset) for contact, corners, inset in seen],
         )  # fmt: skip
-
-    def _tones(self, run: ms.Trajectory) -> Tones | None:
-        """The scene's colour, if it has one."""
-        if (name := self.scene.output.color) is None:
-            return None
-        shown = Colouring.of(run, name)
-        return Tones(shown.values, shown.label, shown.spread(slice(None)), shown.colormap)
 
     def _live(self) -> dict[str, Any]:
         """What the page needs to step the live models."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from modalshell.core.typing import Array
 from modalshell.models.base.model import NO_POTENTIAL
 from modalshell.motion import Trajectory
+from modalshell.motion.colouring import DISPLACEMENT, Colouring
 from modalshell.page.report import (
     document,
     figure,
@@ -26,7 +27,6 @@ from modalshell.page.report import (
 from modalshell.render import Picture, ShadedSurface, View
 from modalshell.render.content import DEFAULT_CAMERA
 from modalshell.run.report_numbers import load_arrows
-from modalshell.run.results import DISPLACEMENT, Colouring
 from modalshell.scene import ShellScene
 from modalshell.shell import Shell
 

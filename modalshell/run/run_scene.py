@@ -19,8 +19,8 @@ from modalshell.core.typing import Progress
 from modalshell.export import check_formats
 from modalshell.models.factory import SolveModes
 from modalshell.motion import Trajectory
+from modalshell.motion.colouring import DISPLACEMENT
 from modalshell.run.protocol import RunResult, SceneRun
-from modalshell.run.results import DISPLACEMENT
 from modalshell.run.run_shell import ShellRun
 from modalshell.scene import Scene, ShellScene, load_scene
 from modalshell.scene.tables import Format

@@ -26,6 +26,7 @@ from modalshell.export.near_origin import demand_near_origin
 from modalshell.models import Equilibrium
 from modalshell.models.factory import SolveModes
 from modalshell.motion import Motion, Trajectory
+from modalshell.motion.colouring import DISPLACEMENT
 from modalshell.motion.fields import checked_fields, shell_at, with_fields, with_stretch_remark
 from modalshell.motion.recorder import Recorder, take_steps
 from modalshell.render.content import checked_direction
@@ -33,7 +34,7 @@ from modalshell.render.stage import down_of
 from modalshell.run.balance import has_reactions
 from modalshell.run.frame_file import FrameFile
 from modalshell.run.protocol import RunResult, SceneRun
-from modalshell.run.results import DISPLACEMENT, Look, write_result
+from modalshell.run.results import Look, write_result
 from modalshell.scene import BuiltScene, ShellScene
 from modalshell.scene.parts import build_path
 from modalshell.scene.read import located
