@@ -21,6 +21,7 @@ from modalshell.modes import model_basis
 from modalshell.motion.colouring import Colouring
 from modalshell.page import Page, farthest, live_model, recorded, shell_page
 from modalshell.page.modal_page import live_tip
+from modalshell.page.report import sentence
 from modalshell.render.bodies import seen_contacts
 from modalshell.run.run_scene import run_in_memory
 from modalshell.scene import ShellScene
@@ -124,8 +125,8 @@ class _ShellPage:
             tones=None if scene.output.color is None else Colouring.of(run, scene.output.color),
             bars=run.bars,
         )
-        remark = [] if run.message in ("", NO_POTENTIAL) else [f"{run.message[0].upper()}{run.message[1:]}."]
-        notes = [f"Shown is the scene's own {what}, computed by {name} ({run.outcome}).", *remark]
+        remark = "" if run.message == NO_POTENTIAL else sentence(run.message)
+        notes = [f"Shown is the scene's own {what}, computed by {name} ({run.outcome}).", *filter(None, [remark])]
         notes += [f"Error bar: {units.restated(str(run.bars))}."] if run.bars is not None else []
         seen = seen_contacts(run.positions, run.faces, run.times, scene.build_contacts())
         live, said = self._offered(run)

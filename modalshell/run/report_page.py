@@ -20,6 +20,7 @@ from modalshell.page.report import (
     made_rows,
     paragraph,
     section,
+    sentence,
     shell_rows,
     table,
     vector,
@@ -61,12 +62,8 @@ def report_page(
 def _headline(scene: ShellScene, numbers: dict[str, Any], second: str) -> str:
     """What was computed, by which model, and how it ended."""
     kind = "Equilibrium" if scene.motion is None else f"Motion of {numbers['duration']:.4g} {second}"
-    remark = (
-        f" {numbers['message'][0].upper()}{numbers['message'][1:]}."
-        if numbers["message"] not in ("", NO_POTENTIAL)
-        else ""
-    )
-    return f"{kind} by {scene.model.spec.name}: {numbers['outcome']}.{remark}"
+    remark = "" if numbers["message"] == NO_POTENTIAL else sentence(numbers["message"])
+    return f"{kind} by {scene.model.spec.name}: {numbers['outcome']}. {remark}".rstrip()
 
 
 def _answer_rows(numbers: dict[str, Any], of: Any) -> list[tuple[str, str]]:
@@ -155,7 +152,7 @@ def _figure(scene: ShellScene, shell: Shell, run: Trajectory) -> str:
     words = (
         f"At its end, coloured by {shown.label}, over the outline at rest; black: supports; red: the load's direction."
     )
-    return figure(picture.base64, f"The shell coloured by {shown.label}", words)
+    return figure(picture.data, f"The shell coloured by {shown.label}", words)
 
 
 def _beads(points: Array, radius: float) -> tuple[Array, NDArray[np.int64]]:
