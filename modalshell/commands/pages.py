@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import modalshell as ms
-from modalshell.core.typing import Array, Progress
+from modalshell.core.typing import Array, Progress, unheard
 from modalshell.core.units import in_percent
 from modalshell.export import compress
 from modalshell.export.near_origin import centred
@@ -43,7 +43,7 @@ _MOST_VERTICES = 5000
 """Vertices up to which a page has a record and live models."""
 
 
-def scene_page(scene: ms.Scene, on_step: Progress | None = None) -> Page:
+def scene_page(scene: ms.Scene, on_step: Progress = unheard) -> Page:
     """The page of a scene: its flock, or its shell.
 
     A motion by LMA, MWTS or reduced RSW under loads that do not change is computed live on the page. Where the live
@@ -63,7 +63,7 @@ def scene_page(scene: ms.Scene, on_step: Progress | None = None) -> Page:
 class _ShellPage:
     """The page of a scene of one shell, while it is made."""
 
-    def __init__(self, scene: ShellScene, on_step: Progress | None) -> None:
+    def __init__(self, scene: ShellScene, on_step: Progress) -> None:
         self.scene, self.on_step = scene, on_step
         self.shell = scene.build_shell()
         path, self.force, loads, constraints = scene.build_loading(self.shell)
@@ -209,12 +209,11 @@ def _reduced(basis: ms.Basis, gravity: Array, strength: float, force: Array | No
     return trained.on_page() if trained.training_error < _NEAR else None
 
 
-def write_pages(folder: Path, on_step: Progress | None = None) -> list[Path]:
+def write_pages(folder: Path, on_step: Progress = unheard) -> list[Path]:
     """Write the page of every bundled scene into ``folder``; return the files."""
     scenes = sorted(repository_file("studies/scenes/v_beam.toml").parent.glob("*.toml"))
     written = []
     for index, file in enumerate(scenes):
         written.append(scene_page(ms.load_scene(file)).save(folder / f"{file.stem}.html"))
-        if on_step is not None:
-            on_step(index + 1, len(scenes))
+        on_step(index + 1, len(scenes))
     return written

@@ -33,7 +33,7 @@ from modalshell.core.checks import (
 )
 from modalshell.core.errors import FileFormatError, ModalShellError, OptionError, SolverError
 from modalshell.core.short_repr import short_repr
-from modalshell.core.typing import Array, Progress
+from modalshell.core.typing import Array, Progress, unheard
 from modalshell.files.atomic_io import read_npz, write_text
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
@@ -208,7 +208,7 @@ def tradeoff(
     SolverError
         If DS finds no equilibrium at any of the loads, or the lowest mode has no stiffness.
     """
-    checked_callback("on_step", on_step)
+    on_step = checked_callback("on_step", on_step)
     case = make_case(scene, gravity, force, coarse)
     if case.shell.crease_state is not None:
         raise OptionError(
@@ -236,7 +236,7 @@ def _measured(
     modes: Sequence[int],
     factors: Sequence[float],
     outside: Array | None,
-    on_step: Progress | None,
+    on_step: Progress,
     quick: bool = False,
 ) -> Tradeoff:
     chosen, left_out = candidates(case, modes)
@@ -247,8 +247,7 @@ def _measured(
     def advance() -> None:
         nonlocal done
         done += 1
-        if on_step is not None:
-            on_step(done, total)
+        on_step(done, total)
 
     factory = case_factory(case)
     if quick:
@@ -329,4 +328,4 @@ def warm_up(quick: bool = False) -> None:
     shell = Shell(mesh, Material(20.0, 20.0, 0.05, 0.2), mesh.vertices[:, 0] < 0.2)
     coarse = [CoarseMesh(flat_beam(cells=(6, 2)), "6x2")]
     load = shell.gravity_force((0.0, 0.0, -1.0))
-    _measured(Case("warm-up", shell, load, coarse=coarse), (2,), (1.0,), None, None, quick)
+    _measured(Case("warm-up", shell, load, coarse=coarse), (2,), (1.0,), None, unheard, quick)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.core.errors import OptionError
-from modalshell.files.atomic_io import write_atomically
+from modalshell.files.atomic_io import replacing
 from modalshell.render.backend import open_painter
 from modalshell.render.camera import Camera, camera_axes, frame_points
 from modalshell.render.compose import Entry, Page
@@ -136,4 +136,6 @@ def save_picture(page: NDArray[np.uint8], target: Path) -> Path:
     """Write pixels (height, width, 3) to a PNG in one move, so that a killed run leaves no half picture."""
     from matplotlib.image import imsave
 
-    return write_atomically(target, lambda file: imsave(file, page, format="png"))
+    with replacing(target) as temporary:
+        imsave(temporary, page)
+    return target

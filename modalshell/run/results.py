@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, final
 
 import numpy as np
 
-from modalshell.core.typing import Array, Progress
+from modalshell.core.typing import Array, Progress, unheard
 from modalshell.export import save_trajectory
 from modalshell.motion import Trajectory
 from modalshell.motion.colouring import Colouring
@@ -60,7 +60,7 @@ class Look:
 
 
 def write_result(
-    run: Trajectory, path: Path, look: Look, on_step: Progress | None = None, contacts: Sequence[Contact] = ()
+    run: Trajectory, path: Path, look: Look, on_step: Progress = unheard, contacts: Sequence[Contact] = ()
 ) -> Path:
     """Write a motion in the format of the file's suffix, atomically; return the path.
 

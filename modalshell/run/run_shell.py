@@ -20,7 +20,7 @@ from modalshell.core.memory import demand_disk
 from modalshell.core.outcome import Outcome
 from modalshell.core.short_repr import short_repr
 from modalshell.core.touched import TOUCHED, TouchedFrame
-from modalshell.core.typing import Array, Progress
+from modalshell.core.typing import Array, Progress, unheard
 from modalshell.export import load_trajectory
 from modalshell.export.near_origin import demand_near_origin
 from modalshell.models import Equilibrium
@@ -103,7 +103,7 @@ class ShellRun(SceneRun[SceneResult]):
         shell: Shell,
         folder: Path,
         look: Look | None = None,
-        on_frame: Progress | None = None,
+        on_frame: Progress = unheard,
         solve: SolveModes | None = None,
     ) -> None:
         super().__init__(scene, shell, folder)
@@ -152,7 +152,7 @@ class ShellRun(SceneRun[SceneResult]):
         self._trajectory = with_stretch_remark(self._trajectory, self.shell, build_path(self._scene.supports))
         return True
 
-    def compute(self, file: FrameFile, restart: bool, on_step: Progress | None) -> int:
+    def compute(self, file: FrameFile, restart: bool, on_step: Progress) -> int:
         """Find the equilibrium, or step to the end of the motion."""
         scene = self._scene
         if scene.output.positions == "float32":
@@ -181,7 +181,7 @@ class ShellRun(SceneRun[SceneResult]):
         self._trajectory = with_stretch_remark(self._trajectory, self.shell, built.path, own)
         return resumed
 
-    def write(self, formats: list[str], on_step: Progress | None) -> None:  # noqa: ARG002 (steps alone are counted)
+    def write(self, formats: list[str], on_step: Progress) -> None:  # noqa: ARG002 (steps alone are counted)
         """Write the trajectory."""
         for suffix in formats:
             write_result(self._trajectory, self.path(suffix), self._look, self._on_frame, self._contacts)
@@ -231,7 +231,7 @@ def _move(
     file: FrameFile,
     identity: dict[str, str],
     restart: bool,
-    on_step: Progress | None,
+    on_step: Progress,
 ) -> tuple[Trajectory, int]:
     """Step to the end from rest or from the last stored frame; also return how many frames there were."""
     motion = built.start_motion()
