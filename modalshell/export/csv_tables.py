@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from modalshell.core.errors import ModalShellWarning, OptionError
 from modalshell.core.typing import Progress, unheard
+from modalshell.core.units import with_unit
 from modalshell.export.frame_arrays import FrameArray, of_triangles, of_vertices
 from modalshell.files.atomic_io import write_atomically
 from modalshell.files.outputs import TABLE_SIGNATURE, refuse_foreign
@@ -102,8 +103,7 @@ def _write(
 
 def _headers(array: FrameArray) -> list[str]:
     """Names of an array's columns, with their unit."""
-    unit = f" [{array.unit}]" if array.unit else ""
-    return [f"{array.name}{f' {part}' if part else ''}{unit}" for part in array.components or ("",)]
+    return [with_unit(f"{array.name} {part}".rstrip(), array.unit) for part in array.components or ("",)]
 
 
 def _columns(values: NDArray[Any]) -> list[list[str]]:

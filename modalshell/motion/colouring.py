@@ -8,6 +8,7 @@ from typing import final
 import numpy as np
 
 from modalshell.core.typing import Array
+from modalshell.core.units import with_unit
 from modalshell.motion.trajectory import Trajectory
 from modalshell.shell.fields import FIELDS, TENSORS, scalar_of, vertex_means
 
@@ -29,10 +30,9 @@ class Colouring:
         """The field of a trajectory, averaged over the triangles at each vertex by their area at rest."""
         if name == DISPLACEMENT:
             moved = np.linalg.norm(np.asarray(run.positions, dtype=np.float64) - run.rest_positions, axis=2)
-            return cls(moved, f"{name} [{run.units.of('m')}]", "viridis")
+            return cls(moved, with_unit(name, run.units.of("m")), "viridis")
         values = vertex_means(scalar_of(name, run.fields[name]), run.rest_positions, run.faces)
-        unit = run.units.of(FIELDS[name])
-        label = name.replace("_", " ").replace("mises", "Mises") + (f" [{unit}]" if unit else "")
+        label = with_unit(name.replace("_", " ").replace("mises", "Mises"), run.units.of(FIELDS[name]))
         return cls(values, label, "coolwarm" if name in TENSORS else "viridis")
 
     def spread(self, frames: int | slice = slice(None)) -> tuple[float, float]:

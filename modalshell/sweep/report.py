@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from modalshell.core.outcome import Outcome
+from modalshell.core.units import with_unit
 from modalshell.page.report import data_table, document, figure, listing, paragraph, plain, section, sentence, table
 from modalshell.sweep.driver import SweepResult
 from modalshell.sweep.figure import axis_text, checked_value, draw_summary
@@ -57,7 +58,7 @@ def sweep_page(sweep: Sweep, numbers: Mapping[str, Any]) -> str:
     """The HTML of a report on a sweep, from its numbers."""
     rows, units = numbers["cases"], numbers["units"]
     axes = [
-        (f"{axis['key']}{_unit(units, axis['key'])}", ", ".join(map(axis_text, axis["values"])))
+        (with_unit(axis["key"], units.get(axis["key"], "")), ", ".join(map(axis_text, axis["values"])))
         for axis in numbers["axes"]
     ]
     shown = [key for key in _SHOWN if any(row.get(key) is not None for row in rows)]
@@ -65,7 +66,7 @@ def sweep_page(sweep: Sweep, numbers: Mapping[str, Any]) -> str:
         shown = [key for key in shown if key != "peak_displacement"]
     if not any(row.get("unconverged_steps") for row in rows):
         shown = [key for key in shown if key != "unconverged_steps"]
-    heading = [f"{_name(key)}{_unit(units, key)}" for key in shown]
+    heading = [with_unit(_name(key), units.get(key, "")) for key in shown]
     keys = [axis.key for axis in sweep.axes]
     cases = [
         (
@@ -138,11 +139,6 @@ def _remarks(rows: list[dict[str, Any]]) -> list[tuple[str, str]]:
 
 def _name(measure: str) -> str:
     return _NAMES.get(measure, measure.replace("_", " "))
-
-
-def _unit(units: Mapping[str, str], key: str) -> str:
-    unit = units.get(key, "1")
-    return "" if unit in ("", "1") else f" [{unit}]"
 
 
 def _cell(value: Any) -> str:
