@@ -17,7 +17,7 @@ from modalshell.core.units import SI, UnitSystem
 from modalshell.integrators.state import CREASES, HEAT
 from modalshell.models import Model
 from modalshell.models.base.modal import ModalModel, as_modal
-from modalshell.models.factory import FirstModes
+from modalshell.models.factory import MODE_COUNT, FirstModes
 from modalshell.motion import Motion
 from modalshell.motion.recorder import take_steps
 from modalshell.scene import Scene
@@ -112,7 +112,7 @@ class ViewSession:
         self._table = scene.motion or _still_motion(self.units)
         self._size = self.shell.size
         self.name = scene.model.spec.key
-        self.modes = int(getattr(scene.model, "modes", 8))
+        self.modes = int(scene.model.options.get("modes", MODE_COUNT))
         self.mode_limit = min(max(_MODE_LIMIT, self.modes), self.shell.unknowns.count)
         self.gravity = np.array(self._built.gravity or (0.0, 0.0, 0.0), dtype=np.float64)
         self.gravity_limit = gravity_limit(self.gravity, self.units)
