@@ -25,7 +25,7 @@ from modalshell.compare.runs import Measurement, measure_row
 from modalshell.core.checks import (
     checked_callback,
     checked_count,
-    checked_kind,
+    checked_switch,
     checked_vectors,
     shortened,
     shown,
@@ -218,8 +218,8 @@ def tradeoff(
     factors = checked_factors(loads)
     modes = checked_counts(modes)
     outside = None if truth is None else outside_positions(truth, case.shell)
-    asked = checked_kind("engines", engines, bool)
-    if (by_bars := checked_kind("quick", quick, bool)) and asked:
+    asked = checked_switch("engines", engines)
+    if (by_bars := checked_switch("quick", quick)) and asked:
         raise OptionError("quick compares models by error bars, not engines: leave out quick or engines")
     warm_up(by_bars)
     with case.units.said():

@@ -119,13 +119,14 @@ def shell_rows(numbers: Mapping[str, Any], scene: Mapping[str, Any], of: Callabl
     ]
 
 
-def made_rows(command: str, record: Mapping[str, Any]) -> Rows:
-    """How a result was made: the command, and what its record says of the time and the versions."""
+def made_rows(command: str, record: Mapping[str, Any], digests: Mapping[str, str]) -> Rows:
+    """How a result was made: the command, the time and the versions of its record, the digests of scene and mesh."""
     versions = record.get("versions", {})
     return [
         ("Command", command),
         ("Computed", str(record.get("made", "unknown"))),
         ("Versions", ", ".join(f"{name} {version}" for name, version in versions.items())),
+        *((f"{name.capitalize()}, SHA-256", digests[name]) for name in ("scene", "mesh")),
     ]
 
 

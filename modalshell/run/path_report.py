@@ -88,8 +88,7 @@ def path_page(scene: ShellScene, numbers: Mapping[str, Any], pictures: Sequence[
     )
     alts = ("The load-deflection curve", "The shell along the path")
     figures = [figure(file.read_bytes(), alt, text) for file, alt, text in zip(pictures, alts, words, strict=False)]
-    made = made_rows(numbers["command"], record)
-    digests = [("Scene, SHA-256", record["scene"]), ("Mesh, SHA-256", record["mesh"])]
+    made = made_rows(numbers["command"], record, record)
     happened = [(one["name"], event) for one in paths for event in one["events"]]
     events = data_table(
         ("", "Event", "Point", "Load factor", f"Displacement [{of('m')}]"),
@@ -107,7 +106,7 @@ def path_page(scene: ShellScene, numbers: Mapping[str, Any], pictures: Sequence[
             section("Stability", data_table(("", "Load factors", "Points", "Unstable directions"), _parts(paths))),
             section("Curves", _curves(paths, of("m"))),
             section("Shell", table(shell_rows(numbers, record["parameters"], of))),
-            section("How it was made", table([("Path", plain(numbers["path"]) or "by default"), *made, *digests])),
+            section("How it was made", table([("Path", plain(numbers["path"]) or "by default"), *made])),
             section("Scene file", listing(scene.file.read_text(encoding="utf-8"))),
         ],
     )

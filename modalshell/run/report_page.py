@@ -42,8 +42,7 @@ def report_page(
     of = run.units.of
     stored = record.get("record", {})
     declared = stored.get("parameters", {}) | {"material": scene.material.plain()}
-    made = made_rows(numbers["command"], stored)
-    digests = [("Scene, SHA-256", record["identity"]["scene"]), ("Mesh, SHA-256", record["identity"]["mesh"])]
+    made = made_rows(numbers["command"], stored, record["identity"])
     parts = [
         paragraph(_headline(scene, numbers, of("s"))),
         _figure(scene, shell, run),
@@ -53,7 +52,7 @@ def report_page(
     if "convergence" in numbers:
         parts.append(section("Coarser meshes", _convergence_table(numbers["convergence"], of)))
     parts += [
-        section("How it was made", table([*made, *digests])),
+        section("How it was made", table(made)),
         section("Scene file", listing(scene.file.read_text(encoding="utf-8"))),
     ]
     return document(scene.name, parts)

@@ -22,7 +22,6 @@ from modalshell.motion import Motion
 from modalshell.motion.recorder import take_steps
 from modalshell.scene import Scene
 from modalshell.scene.models import model_tables
-from modalshell.scene.parts import build_damping, build_tolerance
 from modalshell.scene.tables import MotionTable
 from modalshell.viewer.live_bar import LiveBar
 
@@ -296,17 +295,7 @@ class ViewSession:
 
     def _new_motion(self, model: Model, before: Motion | None) -> Motion:
         """A motion of ``model`` from rest at time 0, or from the shape and time of the one ``before``."""
-        path = self._built.path
-        motion = Motion(
-            model,
-            model.shell.loading(self.gravity, self._built.force, self._built.loads),
-            dt=self._table.dt,
-            damping=build_damping(self._table),
-            supports=path,
-            constraints=self._built.constraints,
-            contacts=self._built.contacts,
-            tolerance=build_tolerance(self._table),
-        )
+        path, motion = self._built.path, self._built.motion_of(model, self.gravity, self._table)
         if before is not None:
             motion.count = before.count
             motion.place(self.positions)
