@@ -352,7 +352,7 @@ class BuiltScene:
             return self.motion_of(self.model, self.gravity, table)
 
     def motion_of(self, model: Model, gravity: ArrayLike | None, table: tables.MotionTable) -> Motion:
-        """The motion of a ``model`` from rest under a gravity (3,), with the scene's other loads, by a table of steps."""
+        """The motion of a ``model`` from rest under a gravity (3,) and the other loads of the scene, by a table."""
         return Motion(
             model,
             model.shell.loading(gravity, self.force, self.loads),
