@@ -212,7 +212,7 @@ def test_loops_of_adapters_take_the_longest_stable_step():
     assert in_time.by_longest_step(case | {"steps": [0.5]}, answer) == {}
 
 
-def test_an_engine_is_asked_anew_in_another_python(monkeypatch):
+def test_an_engine_is_asked_again_in_another_python(monkeypatch):
     asked = []
     monkeypatch.setattr(answer_of, "ask", lambda engine, _: asked.append(engine) or {"outcome": "not installed"})
     mesh = ms.flat_beam(cells=(6, 2))

@@ -109,7 +109,7 @@ def _unfinished(engine: Engine, case: dict[str, Any], answer: dict[str, Any]) ->
 def check(engine: Engine, constants: tuple[float, ...], python: str) -> dict[str, Any]:  # noqa: ARG001 (of the key)
     """Outcome, version and deviations of an engine's conversion of a sheet's constants, by the longest step that does.
 
-    Of an engine that fails by all of them the nearest row is kept. In another ``python`` it is asked anew.
+    Of an engine that fails by all of them the nearest row is kept. In another ``python`` it is asked again.
     """
     rows: list[dict[str, Any]] = []
     for first in range(len(STEPS) if engine.moves else 1):
