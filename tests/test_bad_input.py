@@ -438,3 +438,11 @@ def test_one_load_in_place_of_a_list_is_refused():
         ms.simulate(ms.DiscreteShell(shell), duration=0.1, fields=3)
     with pytest.raises(ms.OptionError, match="run must be a Trajectory"):
         ms.save_trajectory(shell, "shell.npz")
+
+
+def test_switches_take_numbers_of_truth_from_numpy():
+    mesh = ms.flat_beam(cells=(6, 2))
+    shell = ms.Shell(mesh, ms.Isotropic(1e7, 0.0, 7e-3, 1000.0), mesh.vertices[:, 0] < 0.2, loose_parts=np.False_)
+    assert ms.LinearModal(ms.solve_modes(shell, 4)).equilibrium(gravity=(0, 0, -0.1), bar=np.True_).bar is not None
+    with pytest.raises(ms.OptionError, match="bar must be True or False"):
+        ms.LinearModal(ms.solve_modes(shell, 4)).equilibrium(gravity=(0, 0, -0.1), bar=1)

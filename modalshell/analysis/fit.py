@@ -12,7 +12,7 @@ import scipy.special
 from numpy.typing import ArrayLike
 
 from modalshell.analysis.fit_measurements import MeasuredFrequencies, MeasuredPositions, Measurements
-from modalshell.core.checks import checked_kind, checked_number, shown
+from modalshell.core.checks import checked_kind, checked_number, checked_switch, shown
 from modalshell.core.errors import MaterialError, ModalShellWarning, OptionError, SolverError
 from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
@@ -139,7 +139,7 @@ def fit(
     checked_kind("shell", shell, Shell).refuse_creases("a fit")
     names = _checked_constants(shell, wrt)
     confidence = checked_number("confidence", confidence, above=0.0, at_most=0.999999)
-    checked_kind("average", average, bool)
+    checked_switch("average", average)
     if (observed is None) == (frequencies is None):
         raise OptionError("give measured positions as observed, or frequencies: one of the two")
     measured: Measurements

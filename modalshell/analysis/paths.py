@@ -227,7 +227,7 @@ def equilibrium_path(
     (True, True, [])
     """
     watch_time = Stopwatch()
-    checked_callback("on_step", on_step)
+    on_step = checked_callback("on_step", on_step)
     until, begin = checked_number("until", until), checked_number("begin", begin)
     if until == begin:
         raise OptionError(f"until must differ from begin (got {until:g} for both)")
@@ -312,7 +312,7 @@ def _with_contacts(
     contacts: Sequence[Contact],
     ends: tuple[float, float],
     counts: tuple[int, int],
-    on_step: Progress | None,
+    on_step: Progress,
 ) -> EquilibriumPath:
     """The path between two load factors with contacts; ``counts`` are the steps at least, and the points at most."""
     from modalshell.contact.path import LoadSteps  # not without contacts

@@ -28,8 +28,9 @@ from modalshell.models.motion_check import bar_at_largest
 from modalshell.models.registry import MODELS, TRUTH
 from modalshell.modes import model_basis
 from modalshell.modes.rigid import left_free
+from modalshell.motion.colouring import DISPLACEMENT
 from modalshell.render.content import DEFAULT_CAMERA, checked_direction
-from modalshell.run.results import DISPLACEMENT, Look
+from modalshell.run.results import Look
 from modalshell.run.run_shell import ShellRun
 from modalshell.scene import ShellScene, parse_scene
 from modalshell.scene.models import model_tables
@@ -186,9 +187,7 @@ class _FilmOptions:
     color: Annotated[
         str | None, Parameter(help="Colours: displacement, strain, curvature, von_mises, energy_density, ...")
     ] = None
-    fps: Annotated[float | None, Parameter(help="Stored frames shown per second; real speed with --dt, else 30.")] = (
-        None
-    )
+    fps: Annotated[float | None, Parameter(help="Stored frames shown a second; real speed with --dt, else 30.")] = None
     camera: Annotated[
         tuple[float, float, float], Parameter(help="Direction from the shell to the camera; z is up.")
     ] = DEFAULT_CAMERA

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import modalshell as ms
-from modalshell.core.typing import Array, Progress
+from modalshell.core.typing import Array, Progress, unheard
 from modalshell.core.units import in_percent
 from modalshell.export import compress
 from modalshell.export.near_origin import centred
@@ -18,10 +18,11 @@ from modalshell.models.base.model import NO_POTENTIAL
 from modalshell.models.factory import MODE_COUNT
 from modalshell.models.reduced_rotation_strain import ReducedWarp, trained_on_loads
 from modalshell.modes import model_basis
-from modalshell.page import Page, Tones, farthest, live_model, recorded, shell_page
+from modalshell.motion.colouring import Colouring
+from modalshell.page import Page, farthest, live_model, recorded, shell_page
 from modalshell.page.modal_page import live_tip
+from modalshell.page.report import sentence
 from modalshell.render.bodies import seen_contacts
-from modalshell.run.results import Colouring
 from modalshell.run.run_scene import run_in_memory
 from modalshell.scene import ShellScene
 from modalshell.scene.parts import build_damping
@@ -42,7 +43,7 @@ _MOST_VERTICES = 5000
 """Vertices up to which a page has a record and live models."""
 
 
-def scene_page(scene: ms.Scene, on_step: Progress | None = None) -> Page:
+def scene_page(scene: ms.Scene, on_step: Progress = unheard) -> Page:
     """The page of a scene: its flock, or its shell.
 
     A motion by LMA, MWTS or reduced RSW under loads that do not change is computed live on the page. Where the live
@@ -62,7 +63,7 @@ def scene_page(scene: ms.Scene, on_step: Progress | None = None) -> Page:
 class _ShellPage:
     """The page of a scene of one shell, while it is made."""
 
-    def __init__(self, scene: ShellScene, on_step: Progress | None) -> None:
+    def __init__(self, scene: ShellScene, on_step: Progress) -> None:
         self.scene, self.on_step = scene, on_step
         self.shell = scene.build_shell()
         path, self.force, loads, constraints = scene.build_loading(self.shell)
@@ -121,11 +122,11 @@ class _ShellPage:
             shapes,
             motion.amplitudes,
             label=f"The scene's {what}, {name}",
-            tones=self._tones(run),
+            tones=None if scene.output.color is None else Colouring.of(run, scene.output.color),
             bars=run.bars,
         )
-        remark = [] if run.message in ("", NO_POTENTIAL) else [f"{run.message[0].upper()}{run.message[1:]}."]
-        notes = [f"Shown is the scene's own {what}, computed by {name} ({run.outcome}).", *remark]
+        remark = "" if run.message == NO_POTENTIAL else sentence(run.message)
+        notes = [f"Shown is the scene's own {what}, computed by {name} ({run.outcome}).", *filter(None, [remark])]
         notes += [f"Error bar: {units.restated(str(run.bars))}."] if run.bars is not None else []
         seen = seen_contacts(run.positions, run.faces, run.times, scene.build_contacts())
         live, said = self._offered(run)
@@ -134,13 +135,6 @@ class _ShellPage:
             live=live, record=record, gravity=gravity, units=units, notes=notes + said,
             bodies=[contact.body(corners, motion.times, inset) for contact, corners, inset in seen],
         )  # fmt: skip
-
-    def _tones(self, run: ms.Trajectory) -> Tones | None:
-        """The scene's colour, if it has one."""
-        if (name := self.scene.output.color) is None:
-            return None
-        shown = Colouring.of(run, name)
-        return Tones(shown.values, shown.label, shown.spread(slice(None)), shown.colormap)
 
     def _live(self) -> dict[str, Any]:
         """What the page needs to step the live models."""
@@ -215,12 +209,11 @@ def _reduced(basis: ms.Basis, gravity: Array, strength: float, force: Array | No
     return trained.on_page() if trained.training_error < _NEAR else None
 
 
-def write_pages(folder: Path, on_step: Progress | None = None) -> list[Path]:
+def write_pages(folder: Path, on_step: Progress = unheard) -> list[Path]:
     """Write the page of every bundled scene into ``folder``; return the files."""
     scenes = sorted(repository_file("studies/scenes/v_beam.toml").parent.glob("*.toml"))
     written = []
     for index, file in enumerate(scenes):
         written.append(scene_page(ms.load_scene(file)).save(folder / f"{file.stem}.html"))
-        if on_step is not None:
-            on_step(index + 1, len(scenes))
+        on_step(index + 1, len(scenes))
     return written

@@ -226,7 +226,8 @@ def advise(
     wanted = checked_number("error", error, above=0.0, at_most=1.0)
     rate = checked_number("fps", fps, above=0.0, unit="1/s")
     measured = tradeoff(scene, gravity=gravity, force=force, coarse=coarse, modes=modes, loads=loads, on_step=on_step)
-    return choose(measured, wanted, rate)
+    with measured.case.units.said():
+        return choose(measured, wanted, rate)
 
 
 def choose(measured: Tradeoff, error: float, fps: float) -> Advice:

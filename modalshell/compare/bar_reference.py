@@ -20,7 +20,7 @@ from modalshell.statics.error_bar import LARGEST_BAR, ErrorBar, ErrorEstimator, 
 
 
 def path_by_bars(
-    model: Model, load: Array, factors: Sequence[float], on_load: Callable[[], None] | None = None
+    model: Model, load: Array, factors: Sequence[float], on_load: Callable[[], None]
 ) -> tuple[LoadPath, str]:
     """Equilibria of DS at growing shares of ``load`` (n, 3) [N], as bars of the answers of ``model`` correct them.
 
@@ -50,8 +50,7 @@ def path_by_bars(
         if not bar.valid or bar.displacement > LARGEST_BAR:
             return _followed(shell, load, factors, len(answers), on_load, f"at {factor:g} of the load: {bar}")
         answers.append(answer)
-        if on_load is not None:
-            on_load()
+        on_load()
     lowest = float(lowest_modes(shell, 1)[0].eigenvalues[0])
     path = LoadPath(tuple(float(factor) for factor in factors), answers, [None] * len(answers), lowest, cost=cost)
     return path, _note(answers)
@@ -84,13 +83,13 @@ def _residual(shell: Shell, positions: Array, force: Array) -> float:
 
 
 def _followed(
-    shell: Shell, load: Array, factors: Sequence[float], known: int, on_load: Callable[[], None] | None, why: str
+    shell: Shell, load: Array, factors: Sequence[float], known: int, on_load: Callable[[], None], why: str
 ) -> tuple[LoadPath, str]:
     """The path of DS; its first loads, ``known`` of them, have been counted."""
     seen = itertools.count()
 
     def once() -> None:
-        if on_load is not None and next(seen) >= known:
+        if next(seen) >= known:
             on_load()
 
     return follow_loads(shell, load, factors, once), f"DS was solved, as no error bar serves {why}."

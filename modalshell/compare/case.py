@@ -62,7 +62,7 @@ class Case:
                 f"the supports leave {loose} rigid motions free, so that no equilibrium exists to compare rungs at: "
                 "hold more vertices"
             )
-        if not self.load[self.shell.free].any():
+        if not self.shell.unknowns.restrict(self.load.ravel()).any():
             raise OptionError(
                 f"{self.name!r}: no load moves the shell, so there is nothing to compare: give gravity or forces"
             )

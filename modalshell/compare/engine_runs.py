@@ -7,7 +7,7 @@ from typing import Any
 from modalshell.compare.case import Case
 from modalshell.compare.engines import ENGINES, answered
 from modalshell.compare.report import percent
-from modalshell.core.typing import Array, Progress
+from modalshell.core.typing import Array, Progress, unheard
 from modalshell.render.pareto import Mark
 from modalshell.shell import measure
 
@@ -18,7 +18,7 @@ _HEADS = (
 )
 
 
-def engine_rows(case: Case, truth: Array | None, on_step: Progress | None = None) -> list[dict[str, Any]]:
+def engine_rows(case: Case, truth: Array | None, on_step: Progress = unheard) -> list[dict[str, Any]]:
     """Outcome, error under the whole load against ``truth`` (n, 3) [m], and cost of every engine."""
     rows = []
     for done, engine in enumerate(ENGINES, start=1):
@@ -26,9 +26,10 @@ def engine_rows(case: Case, truth: Array | None, on_step: Progress | None = None
         error = None
         if answer.counts and truth is not None and answer.positions is not None:
             error = measure.displacement_error(answer.positions[-1], truth, case.shell)
-        rows.append({name: getattr(answer, name) for name in _FINDINGS} | {"error": error})
-        if on_step is not None:
-            on_step(done, len(ENGINES))
+        row = {name: getattr(answer, name) for name in _FINDINGS} | {"error": error}
+        step = None if answer.step is None else case.units.seconds * answer.step  # in the unit of the shell's numbers
+        rows.append(row | {"step": step})
+        on_step(done, len(ENGINES))
     return rows
 
 

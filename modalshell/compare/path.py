@@ -146,7 +146,7 @@ class _State:
 
 
 def follow_loads(
-    shell: Shell, load: Array, factors: Sequence[float], on_load: Callable[[], None] | None = None
+    shell: Shell, load: Array, factors: Sequence[float], on_load: Callable[[], None] = lambda: None
 ) -> LoadPath:
     """Find the equilibria of DS at growing shares of ``load`` (n, 3) [N], each from the one before, and its snap."""
     model = DiscreteShell(shell)
@@ -180,8 +180,7 @@ def follow_loads(
             last, missed = state, False
         else:
             missed = True
-        if on_load is not None:
-            on_load()
+        on_load()
     if missed:
         snaps.append(Snap(last.factor, float(factors[-1]), "DS finds no equilibrium there"))
     elif last.singular:

@@ -120,7 +120,7 @@ def quick_advice(
     OptionError
         If ``error`` is not above 0 and at most 1, and as :func:`modalshell.tradeoff` does.
     """
-    checked_callback("on_step", on_step)
+    on_step = checked_callback("on_step", on_step)
     wanted = checked_number("error", error, above=0.0, at_most=1.0)
     case = make_case(scene, gravity, force, ())
     factors = checked_factors(loads)
@@ -132,8 +132,7 @@ def quick_advice(
         candidate = tried.pop(0)
         row = _bars(candidate, case, factory, factors)
         rows.append(row)
-        if on_step is not None:
-            on_step(len(rows), len(rows) + len(tried))
+        on_step(len(rows), len(rows) + len(tried))
         if row.largest <= wanted:
             chosen = candidate
             break

@@ -25,7 +25,7 @@ from modalshell.compare.runs import Measurement, measure_row
 from modalshell.core.checks import (
     checked_callback,
     checked_count,
-    checked_kind,
+    checked_switch,
     checked_vectors,
     shortened,
     shown,
@@ -33,7 +33,7 @@ from modalshell.core.checks import (
 )
 from modalshell.core.errors import FileFormatError, ModalShellError, OptionError, SolverError
 from modalshell.core.short_repr import short_repr
-from modalshell.core.typing import Array, Progress
+from modalshell.core.typing import Array, Progress, unheard
 from modalshell.files.atomic_io import read_npz, write_text
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
@@ -208,7 +208,7 @@ def tradeoff(
     SolverError
         If DS finds no equilibrium at any of the loads, or the lowest mode has no stiffness.
     """
-    checked_callback("on_step", on_step)
+    on_step = checked_callback("on_step", on_step)
     case = make_case(scene, gravity, force, coarse)
     if case.shell.crease_state is not None:
         raise OptionError(
@@ -218,8 +218,8 @@ def tradeoff(
     factors = checked_factors(loads)
     modes = checked_counts(modes)
     outside = None if truth is None else outside_positions(truth, case.shell)
-    asked = checked_kind("engines", engines, bool)
-    if (by_bars := checked_kind("quick", quick, bool)) and asked:
+    asked = checked_switch("engines", engines)
+    if (by_bars := checked_switch("quick", quick)) and asked:
         raise OptionError("quick compares models by error bars, not engines: leave out quick or engines")
     warm_up(by_bars)
     with case.units.said():
@@ -236,7 +236,7 @@ def _measured(
     modes: Sequence[int],
     factors: Sequence[float],
     outside: Array | None,
-    on_step: Progress | None,
+    on_step: Progress,
     quick: bool = False,
 ) -> Tradeoff:
     chosen, left_out = candidates(case, modes)
@@ -247,8 +247,7 @@ def _measured(
     def advance() -> None:
         nonlocal done
         done += 1
-        if on_step is not None:
-            on_step(done, total)
+        on_step(done, total)
 
     factory = case_factory(case)
     if quick:
@@ -329,4 +328,4 @@ def warm_up(quick: bool = False) -> None:
     shell = Shell(mesh, Material(20.0, 20.0, 0.05, 0.2), mesh.vertices[:, 0] < 0.2)
     coarse = [CoarseMesh(flat_beam(cells=(6, 2)), "6x2")]
     load = shell.gravity_force((0.0, 0.0, -1.0))
-    _measured(Case("warm-up", shell, load, coarse=coarse), (2,), (1.0,), None, None, quick)
+    _measured(Case("warm-up", shell, load, coarse=coarse), (2,), (1.0,), None, unheard, quick)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple, final
 
 import numpy as np
@@ -11,7 +10,7 @@ from modalshell.contact.active_set import DIRECT, ActiveSet, Mask, Rest
 from modalshell.contact.statics import rest_on_contacts
 from modalshell.contact.touching import Touching
 from modalshell.core.errors import SolverError
-from modalshell.core.typing import Array
+from modalshell.core.typing import Array, Progress
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.bifurcation import BIFURCATION, Trace
 from modalshell.statics.newton import rules_of
@@ -79,9 +78,7 @@ class LoadSteps:
         except SolverError:
             return None
 
-    def follow(
-        self, first: TouchingPoint, until: float, points: int, on_point: Callable[[int, int], object] | None
-    ) -> tuple[Trace, list[Rest]]:
+    def follow(self, first: TouchingPoint, until: float, points: int, on_point: Progress) -> tuple[Trace, list[Rest]]:
         """The path from a point to the factor ``until``, and where the solve of each of its points ended."""
         trace, rests, present, share = Trace(), [first.rest], first, 1.0
         trace.add(first.point)
@@ -104,8 +101,7 @@ class LoadSteps:
                 found, kinds = self._change(present, found), (BIFURCATION,)
             trace.add(found.point, kinds)
             rests.append(found.rest)
-            if on_point is not None:
-                on_point(len(trace.points), points)
+            on_point(len(trace.points), points)
             easy = found.point.iterations <= _EASY
             present, share = found, min(1.0, 2.0 * share) if easy else share
         trace.complete = present.point.factor == until

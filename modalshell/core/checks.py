@@ -13,6 +13,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from modalshell.core.errors import LoadError, ModalShellError, OptionError, SolverError
 from modalshell.core.thread_safety import read_only
+from modalshell.core.typing import Progress, unheard
 
 T = TypeVar("T")
 
@@ -119,9 +120,11 @@ def checked_kind(name: str, value: Any, kind: type[T], advice: str = "") -> T:
     return value
 
 
-def checked_callback(name: str, value: T) -> T:
-    """Return ``value`` if it is None or a function, else raise OptionError."""
-    if value is not None and not callable(value):
+def checked_callback(name: str, value: Progress | None) -> Progress:
+    """Return ``value`` if it is a function, one that nobody hears for None, else raise OptionError."""
+    if value is None:
+        return unheard
+    if not callable(value):
         raise OptionError(f"{name} must be a function, called with what is done and the total (got {shown(value)})")
     return value
 

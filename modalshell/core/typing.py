@@ -16,3 +16,7 @@ Vector = tuple[float, float, float]
 
 Progress = Callable[[int, int], None]
 """Called with what is done so far and the total."""
+
+
+def unheard(done: int, total: int) -> None:
+    """Progress that nobody follows."""

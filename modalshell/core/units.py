@@ -184,6 +184,11 @@ SI: Final = UnitSystem()
 """Metres, kilograms and seconds."""
 
 
+def with_unit(name: str, unit: str) -> str:
+    """The name of a quantity with its unit in brackets; the name alone of a plain number, whose unit is "" or "1"."""
+    return f"{name} [{unit}]" if unit not in ("", "1") else name
+
+
 def in_two_digits(value: float) -> str:
     """A number to two digits; "900" rather than "9e+02"."""
     text = f"{value:.2g}"

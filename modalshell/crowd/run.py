@@ -105,7 +105,7 @@ class FlockRun(SceneRun[FlightResult]):
         self._report, self.frames = FlightReport(**record["report"]), int(record["frames"])
         return True
 
-    def compute(self, file: FrameFile, restart: bool, on_step: Progress | None) -> int:
+    def compute(self, file: FrameFile, restart: bool, on_step: Progress) -> int:
         """Step to the end from the start or from the last stored frame."""
         scene, table = self._scene, self._scene.motion
         self._camera = _camera(scene)
@@ -122,8 +122,7 @@ class FlockRun(SceneRun[FlightResult]):
         for step in range(1, 1 + (0 if resumed else self._warm_up)):
             flight.advance(table.dt)
             film.choose_levels()
-            if on_step is not None:
-                on_step(step, self._total)
+            on_step(step, self._total)
         flight.count_from(self._warm_up * table.dt)
         if resumed:
             last = file.records()[-1]
@@ -137,8 +136,7 @@ class FlockRun(SceneRun[FlightResult]):
             film.choose_levels()
             if step % table.store_every == 0 or step == self._steps:
                 file.append({**flight.snapshot(), "seconds": before + watch()})
-            if on_step is not None:
-                on_step(self._warm_up + step, self._total)
+            on_step(self._warm_up + step, self._total)
         self._records, self.frames = file.records(), file.count
         return resumed
 
@@ -148,12 +146,11 @@ class FlockRun(SceneRun[FlightResult]):
         what, each = f"a flock of {birds} birds of {vertices} vertices", _DRAWN_BYTES if self._drawn else _BIRD_BYTES
         demand_memory(what, float(each) * birds * vertices, "take fewer birds, or a coarser mesh")
 
-    def write(self, formats: list[str], on_step: Progress | None) -> None:
+    def write(self, formats: list[str], on_step: Progress) -> None:
         """Draw film and picture, collect the report, and write the arrays."""
 
         def advance(done: int, _total: int) -> None:
-            if on_step is not None:
-                on_step(self._warm_up + self._steps + done, self._total)
+            on_step(self._warm_up + self._steps + done, self._total)
 
         self._report = self._draw(formats, advance)
         arrays = {name: self._records[name] for name in _KEPT} | {"faces": np.asarray(self.shell.mesh.faces)}

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.core.errors import ModalShellWarning, OptionError
-from modalshell.core.typing import Progress
+from modalshell.core.typing import Progress, unheard
+from modalshell.core.units import with_unit
 from modalshell.export.frame_arrays import FrameArray, of_triangles, of_vertices
 from modalshell.files.atomic_io import write_atomically
 from modalshell.files.outputs import TABLE_SIGNATURE, refuse_foreign
@@ -27,7 +28,7 @@ _MOST_ROWS = 1_048_575
 """Rows under the header of a spreadsheet."""
 
 
-def save_csv(run: Trajectory, path: Path, on_frame: Progress | None = None) -> Path:
+def save_csv(run: Trajectory, path: Path, on_frame: Progress = unheard) -> Path:
     """Write ``NAME.csv``, with a row for each vertex and frame, and with fields ``NAME_triangles.csv``.
 
     Every column is named with its unit. Vertices and triangles are counted from 0; places are those at rest. Numbers
@@ -50,7 +51,7 @@ def save_csv(run: Trajectory, path: Path, on_frame: Progress | None = None) -> P
         _refuse_other(triangles, _TRIANGLE)
         corners = FrameArray("vertex", "", run.faces, ("0", "1", "2"))
         centre = FrameArray("rest", units.of("m"), rest[run.faces].mean(axis=1), ("x", "y", "z"))
-        _write(run, triangles, _TRIANGLE, [corners, centre], of_triangles, None)
+        _write(run, triangles, _TRIANGLE, [corners, centre], of_triangles, unheard)
     else:
         with suppress(OptionError):  # of another run of this name
             refuse_foreign(triangles)
@@ -80,7 +81,7 @@ def _write(
     counted: str,
     still: Sequence[FrameArray],
     moving: Callable[[Trajectory, int], list[FrameArray]],
-    on_frame: Progress | None,
+    on_frame: Progress,
 ) -> Path:
     """Write a table frame by frame: its number and time, the number of the row, and the columns of the arrays."""
 
@@ -94,8 +95,7 @@ def _write(
             columns = [column for array in arrays for column in _columns(array.values)]
             head = f"{frame},{time!r}"
             text.writelines(f"{head},{row},{','.join(cells)}\n" for row, cells in enumerate(zip(*columns, strict=True)))
-            if on_frame is not None:
-                on_frame(frame + 1, len(run.times))
+            on_frame(frame + 1, len(run.times))
         text.detach()
 
     return write_atomically(path, write)
@@ -103,8 +103,7 @@ def _write(
 
 def _headers(array: FrameArray) -> list[str]:
     """Names of an array's columns, with their unit."""
-    unit = f" [{array.unit}]" if array.unit else ""
-    return [f"{array.name}{f' {part}' if part else ''}{unit}" for part in array.components or ("",)]
+    return [with_unit(f"{array.name} {part}".rstrip(), array.unit) for part in array.components or ("",)]
 
 
 def _columns(values: NDArray[Any]) -> list[list[str]]:

@@ -20,7 +20,7 @@ from modalshell.export.vtk import save_pvd, save_vtkhdf
 from modalshell.motion import Trajectory
 from modalshell.motion.trajectory import WRITERS
 
-_FORMATS: dict[str, Callable[[Trajectory, Path, Progress | None], Path]] = {
+_FORMATS: dict[str, Callable[[Trajectory, Path, Progress], Path]] = {
     ".npz": lambda run, path, _: save_archive(run, path),
     ".vtkhdf": save_vtkhdf,
     ".pvd": save_pvd,
@@ -86,7 +86,7 @@ def save_trajectory(
     return checked_kind("run", run, Trajectory).save(path, on_frame=on_frame)
 
 
-def _save(run: Trajectory, path: Path, on_frame: Progress | None) -> Path:
+def _save(run: Trajectory, path: Path, on_frame: Progress) -> Path:
     """Write a format once all that it needs is there."""
     suffix = path.suffix
     if suffix not in _WITHOUT_FACES and len(run.faces) == 0:

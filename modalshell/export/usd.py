@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from modalshell.core.typing import Array, Progress
+from modalshell.core.typing import Array, Progress, unheard
 from modalshell.export.near_origin import centred
 from modalshell.files.atomic_io import replacing
 from modalshell.motion import Trajectory
@@ -19,7 +19,7 @@ Frames of the motion lie between whole time codes, where they have their own tim
 """
 
 
-def save_usd(run: Trajectory, path: Path, on_frame: Progress | None = None, up: Literal["y", "z"] = "z") -> Path:
+def save_usd(run: Trajectory, path: Path, on_frame: Progress = unheard, up: Literal["y", "z"] = "z") -> Path:
     """Write a USD stage (``.usdc`` binary, ``.usda`` text) with the mesh ``/Shell``, at real speed.
 
     Positions of the run, whose z points up, are turned so that the axis ``up`` of the file does.
@@ -34,7 +34,7 @@ def save_usd(run: Trajectory, path: Path, on_frame: Progress | None = None, up: 
     return path
 
 
-def _write_stage(run: Trajectory, centre: Array, file: Path, on_frame: Progress | None, up: str) -> None:
+def _write_stage(run: Trajectory, centre: Array, file: Path, on_frame: Progress, up: str) -> None:
     """Write the stage of a run that lies about the origin, moved by ``centre`` (3,) [m]."""
     from pxr import Gf, Usd, UsdGeom, Vt
 
@@ -62,6 +62,5 @@ def _write_stage(run: Trajectory, centre: Array, file: Path, on_frame: Progress 
         points.Set(Vt.Vec3fArray.FromNumpy(frame), code)
         corners = [Gf.Vec3f(*map(float, corner)) for corner in (frame.min(axis=0), frame.max(axis=0))]
         extent.Set(Vt.Vec3fArray(corners), code)
-        if on_frame is not None:
-            on_frame(index + 1, len(run.times))
+        on_frame(index + 1, len(run.times))
     stage.GetRootLayer().Save()

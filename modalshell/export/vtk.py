@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.core.errors import FileFormatError
-from modalshell.core.typing import Progress
+from modalshell.core.typing import Progress, unheard
 from modalshell.export.frame_arrays import of_triangles, of_vertices
 from modalshell.files.atomic_io import replacing, write_text
 from modalshell.motion import Trajectory
@@ -23,7 +23,7 @@ _ROOM = 65536
 """Bytes that must be free once a file is closed."""
 
 
-def save_vtkhdf(run: Trajectory, path: Path, on_frame: Progress | None = None) -> Path:
+def save_vtkhdf(run: Trajectory, path: Path, on_frame: Progress = unheard) -> Path:
     """Write one temporal VTKHDF file, frame by frame; VTK rounds its times to float32."""
     from vtkmodules.util.vtkAlgorithm import VTKPythonAlgorithmBase
     from vtkmodules.vtkCommonDataModel import vtkPolyData
@@ -53,7 +53,7 @@ def save_vtkhdf(run: Trajectory, path: Path, on_frame: Progress | None = None) -
             surface = vtkPolyData.GetData(outputs)
             _fill_surface(surface, cells, run, index)
             surface.GetInformation().Set(surface.DATA_TIME_STEP(), times[index])
-            if on_frame is not None and not stops:
+            if not stops:
                 try:
                     on_frame(index + 1, len(times))
                 except BaseException as stop:  # VTK would swallow it, and asks on for ever where a frame fails
@@ -81,7 +81,7 @@ def save_vtkhdf(run: Trajectory, path: Path, on_frame: Progress | None = None) -
     return path
 
 
-def save_pvd(run: Trajectory, path: Path, on_frame: Progress | None = None) -> Path:
+def save_pvd(run: Trajectory, path: Path, on_frame: Progress = unheard) -> Path:
     """Write ``NAME.pvd`` and, in the folder ``NAME_frames``, one VTP file a frame."""
     from xml.sax.saxutils import quoteattr  # loads what reads addresses of the web: not before it is needed
 
@@ -104,8 +104,7 @@ def save_pvd(run: Trajectory, path: Path, on_frame: Progress | None = None) -> P
                 raise FileFormatError(f"VTK could not write the frames of {path}: is there room in its folder?")
             name = quoteattr(f"{folder.name}/{index:06d}.vtp")
             lines.append(f'<DataSet timestep="{float(time)!r}" part="0" file={name}/>')
-            if on_frame is not None:
-                on_frame(index + 1, len(run.times))
+            on_frame(index + 1, len(run.times))
         # The collection comes last and goes first, so that it never names frames of two runs.
         others = [file.name for file in folder.glob("*") if not re.fullmatch(r"\d{6}\.vtp", file.name)]
         if others:

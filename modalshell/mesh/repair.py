@@ -10,7 +10,7 @@ from typing import Any, cast, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.core.checks import as_array, checked_kind, shown
+from modalshell.core.checks import as_array, checked_switch, shown
 from modalshell.core.errors import MeshError, ModalShellWarning
 from modalshell.mesh import validation
 from modalshell.mesh.parts import Component, chosen_part
@@ -165,7 +165,7 @@ def repair(
         If nothing remains that could be a shell: no face with area, coordinates out of range; or where two sheets of a
         junction lie on each other, without ``split``.
     """
-    checked_kind("split", split, bool)
+    checked_switch("split", split)
     count: dict[str, int] = {}
     points = as_array("vertices", vertices, "an array (n, 3) of real numbers [m]", MeshError).astype(np.float64)
     if points.ndim != 2 or points.shape[1] != 3 or not len(points):

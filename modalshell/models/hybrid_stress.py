@@ -152,7 +152,7 @@ class HybridStress(OnCoarse):
             For a load of zero, energies other than the material's, or options out of range.
         """
         checked_kind("shell", shell, Shell)
-        checked_callback("on_step", on_step)
+        on_step = checked_callback("on_step", on_step)
         load, small = shell.total_load(gravity, force, loads), trainable(coarse or shell)
         training = Training(modes, measures_of(small).motions if motions is None else motions, seed, error)
         model = CoarseDiscreteShell(shell, small)

@@ -13,7 +13,7 @@ from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome, gravest
 from modalshell.core.timings import Stopwatch
 from modalshell.core.touched import TOUCHED, TouchedFrame
-from modalshell.core.typing import Array, Progress
+from modalshell.core.typing import Array, Progress, unheard
 from modalshell.integrators.full import Composite, FullIntegrator, ImplicitRule
 from modalshell.integrators.state import CREASES, HEAT
 from modalshell.models.base.modal_motion import CONSTRAINT_MET
@@ -165,7 +165,7 @@ class Recorder:
             beyond = self.fault is not None and time >= self.fault_time
             self.colliders.see(partial(x.astype, np.float64), time, touched, beyond=beyond)
 
-    def frames(self, on_step: Progress | None = None) -> Iterator[None]:
+    def frames(self, on_step: Progress = unheard) -> Iterator[None]:
         """Take the steps, pausing at each frame to be stored: the start (unless resumed) and every ``store_every``.
 
         ``on_step`` is called after each step with the steps done and their total.
@@ -187,8 +187,7 @@ class Recorder:
                 if self.colliders.torn:
                     motion.finite = False
                     return
-            if on_step is not None:
-                on_step(motion.count, self.total)
+            on_step(motion.count, self.total)
 
     def _fits_precision(self) -> bool:
         """Whether positions fit the precision in which they are stored; looked at where coordinates are huge."""

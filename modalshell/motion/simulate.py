@@ -128,7 +128,7 @@ def simulate(
     SupportError
         If ``supports`` moves a shell that holds no vertex.
     """
-    checked_callback("on_step", on_step)
+    on_step = checked_callback("on_step", on_step)
     dt = checked_step(dt)
     duration = checked_number("duration", duration, at_least=dt, unit="s")
     store_every = checked_count("store_every", store_every)
@@ -164,7 +164,7 @@ def simulate(
     return with_bars(run, model, setup.loading, wanted, damping=setup.damping, supports=supports)
 
 
-def _stored_frames(recorder: Recorder, dtype: np.dtype[Any], on_step: Progress | None) -> NDArray[np.floating]:
+def _stored_frames(recorder: Recorder, dtype: np.dtype[Any], on_step: Progress) -> NDArray[np.floating]:
     """Take a motion to its end; positions (F, n, 3) [m] of its stored frames."""
     motion, stored = recorder.motion, recorder.total // recorder.store_every + 2
     shape = motion.shell.rest_positions.shape

@@ -23,7 +23,7 @@ from modalshell.models import Equilibrium
 from modalshell.motion.bars import Bars
 from modalshell.shell import CreaseState, Shell
 
-WRITERS: dict[str, Callable[[Any, Path, Progress | None], Path]] = {}
+WRITERS: dict[str, Callable[[Any, Path, Progress], Path]] = {}
 """What writes a trajectory, by the suffix of the file; the package ``export`` fills it."""
 
 
@@ -178,7 +178,7 @@ class Trajectory(Drawn):
     def save(self, path: str | os.PathLike[str], *, on_frame: Progress | None = None) -> Path:
         """Write the trajectory; the suffix of the file names the format, see :func:`modalshell.save_trajectory`."""
         target = Path(path)
-        checked_callback("on_frame", on_frame)
+        on_frame = checked_callback("on_frame", on_frame)
         if target.suffix not in WRITERS:
             raise OptionError(f"a trajectory is saved as {', '.join(WRITERS)} (got {target.name!r})")
         return WRITERS[target.suffix](self, target, on_frame)

@@ -2,6 +2,6 @@
 
 from modalshell.page.html import Page
 from modalshell.page.modal_page import live_model, modal_page
-from modalshell.page.shell_page import Tones, farthest, recorded, shell_page
+from modalshell.page.shell_page import farthest, recorded, shell_page
 
-__all__ = ["Page", "Tones", "farthest", "live_model", "modal_page", "recorded", "shell_page"]
+__all__ = ["Page", "farthest", "live_model", "modal_page", "recorded", "shell_page"]

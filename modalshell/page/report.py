@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import html
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
@@ -46,6 +47,11 @@ def paragraph(text: str) -> str:
     return f"<p>{html.escape(text)}</p>"
 
 
+def sentence(text: str) -> str:
+    """A message as a sentence of its own; "" without one."""
+    return f"{text[0].upper()}{text[1:].rstrip('.')}." if text else ""
+
+
 def section(heading: str, content: str) -> str:
     """A heading and what stands below it."""
     return f"<h2>{html.escape(heading)}</h2>\n{content}"
@@ -71,10 +77,11 @@ def _lines(rows: Rows) -> str:
     return "".join(f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
 
 
-def figure(png: str, alt: str, words: str) -> str:
-    """A picture, in base 64, with a caption."""
+def figure(png: bytes, alt: str, words: str) -> str:
+    """A picture, a PNG file, with a caption."""
+    data = base64.b64encode(png).decode("ascii")
     return (
-        f'<figure><img alt="{html.escape(alt)}" src="data:image/png;base64,{png}">'
+        f'<figure><img alt="{html.escape(alt)}" src="data:image/png;base64,{data}">'
         f"<figcaption>{html.escape(words)}</figcaption></figure>"
     )
 
@@ -112,13 +119,14 @@ def shell_rows(numbers: Mapping[str, Any], scene: Mapping[str, Any], of: Callabl
     ]
 
 
-def made_rows(command: str, record: Mapping[str, Any]) -> Rows:
-    """How a result was made: the command, and what its record says of the time and the versions."""
+def made_rows(command: str, record: Mapping[str, Any], digests: Mapping[str, str]) -> Rows:
+    """How a result was made: the command, the time and the versions of its record, the digests of scene and mesh."""
     versions = record.get("versions", {})
     return [
         ("Command", command),
         ("Computed", str(record.get("made", "unknown"))),
         ("Versions", ", ".join(f"{name} {version}" for name, version in versions.items())),
+        *((f"{name.capitalize()}, SHA-256", digests[name]) for name in ("scene", "mesh")),
     ]
 
 

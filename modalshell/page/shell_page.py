@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +12,7 @@ from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.core.units import SI, UnitSystem
 from modalshell.motion.bars import Bars
+from modalshell.motion.colouring import Colouring
 from modalshell.page.html import MOST_SHAPES, Page, encoded, encoded_columns, filled_page
 
 _SHORT = 65536
@@ -27,28 +27,13 @@ _TONE_ERROR = 0.01
 """Largest error of a colouring field on a page, as a share of its range."""
 
 
-@final
-@dataclass(frozen=True)
-class Tones:
-    """The field that colours a motion."""
-
-    values: Array
-    """At the vertices, in each frame; shape (F, n)."""
-    label: str
-    """Its name with its unit."""
-    range: tuple[float, float]
-    """Values at the ends of the colour map."""
-    colormap: str
-    """Matplotlib's name of the colour map."""
-
-
 def recorded(
     times: Array,
     shapes: Array,
     amplitudes: NDArray[np.floating],
     *,
     label: str,
-    tones: Tones | None = None,
+    tones: Colouring | None = None,
     bars: Bars | None = None,
 ) -> dict[str, Any]:
     """The frames ``rest + sum_k amplitudes[f, k] shapes[k]`` as a page reads them.
@@ -65,7 +50,7 @@ def recorded(
         Of the shapes in each frame.
     label : str
         What the page calls them.
-    tones : Tones, optional
+    tones : Colouring, optional
         Field that colours the shell.
     bars : Bars, optional
         Error bars that the page shows next to the time, each from its check on.
@@ -86,12 +71,13 @@ def recorded(
     return record
 
 
-def _toned(tones: Tones) -> dict[str, Any]:
+def _toned(tones: Colouring) -> dict[str, Any]:
     """A field as a sum of few columns, by singular values, and its colours."""
     from matplotlib import colormaps
 
     left, sizes, right = np.linalg.svd(np.asarray(tones.values, dtype=float), full_matrices=False)
-    allowed = _TONE_ERROR * max(tones.range[1] - tones.range[0], 1e-300)
+    low, high = tones.spread()
+    allowed = _TONE_ERROR * max(high - low, 1e-300)
     count, most = 1, min(len(sizes), MOST_SHAPES)
     while count < most and np.abs((left[:, :count] * sizes[:count]) @ right[:count] - tones.values).max() > allowed:
         count += 1
@@ -99,7 +85,7 @@ def _toned(tones: Tones) -> dict[str, Any]:
     return {
         "values": encoded_columns(right[:count].T),
         "amounts": encoded((left[:, :count] * sizes[:count]).astype(np.float32)),
-        "range": list(tones.range),
+        "range": [low, high],
         "label": tones.label,
         "ramp": encoded(np.rint(255.0 * colours).astype(np.uint8)),
     }

@@ -13,6 +13,8 @@ from modalshell.core.errors import OptionError
 VIEW_ANGLE = math.radians(22.0)
 _MARGIN = 0.06
 """Free part of a picture at each side."""
+NEAREST = 1e-9
+"""Distance from the camera, as a share of that of its target, below which nothing is drawn nearer."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,7 @@ class Camera:
     def project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Map points (n, 3) [m] to picture coordinates in [-1, 1] and the height towards the camera [m], (n, 3)."""
         local = points @ self.axes.T - self.center
-        reach = self.slope * np.maximum(self.distance - local[:, 2], 1e-9)
+        reach = self.slope * np.maximum(self.distance - local[:, 2], NEAREST * self.distance)
         return np.column_stack([local[:, 0] / (reach * self.aspect), local[:, 1] / reach, local[:, 2]])
 
 
@@ -84,7 +86,7 @@ def frame_points(
     local = points @ axes.T
     low, high = local.min(axis=0), local.max(axis=0)
     center = 0.5 * (low + high)
-    span = max(float(np.max(high - low)), 1e-9 * max(1.0, float(np.abs(local).max())), 1e-12)
+    span = max(float(np.max(high - low)), 1e-9 * float(np.abs(local).max())) or 1.0
     slope = math.tan(0.5 * VIEW_ANGLE)
     free = 1.0 - 2.0 * _MARGIN
     # Smallest distance at which every point lies in the cone; the best offset across has a closed form.

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from modalshell.core.errors import OptionError
-from modalshell.core.typing import Progress
+from modalshell.core.typing import Progress, unheard
 from modalshell.files.atomic_io import replacing
 from modalshell.render.backend import open_painters
 from modalshell.render.camera import Camera, frame_points
@@ -53,7 +53,7 @@ def write_film(
     rate_factor: int = RATE_FACTOR,
     framed: int | None = None,
     texts: Sequence[str] = (),
-    on_frame: Progress | None = None,
+    on_frame: Progress = unheard,
 ) -> Path:
     """Write a film of surfaces, moving or not.
 
@@ -219,7 +219,7 @@ def _encode(
     size: tuple[int, int],
     fps: float,
     total: int,
-    on_frame: Progress | None,
+    on_frame: Progress,
     rate_factor: int,
 ) -> None:
     """Send pictures to ffmpeg; the film is put in place when the last one is in."""
@@ -236,5 +236,4 @@ def _encode(
             writer.send(None)
             for index, picture in enumerate(pictures):
                 writer.send(np.ascontiguousarray(picture))
-                if on_frame is not None:
-                    on_frame(index + 1, total)
+                on_frame(index + 1, total)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, final
 
-from modalshell.files.atomic_io import replacing
+from modalshell.files.atomic_io import write_bytes
 from modalshell.render.content import View, checked_path
 from modalshell.render.views import draw_views
 
@@ -47,10 +47,7 @@ class Picture:
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the picture to a ``.png`` file; return its path."""
-        target = checked_path(Path(path), ".png")
-        with replacing(target) as temporary:
-            temporary.write_bytes(self.data)
-        return target
+        return write_bytes(checked_path(Path(path), ".png"), self.data)
 
     def _repr_png_(self) -> bytes:
         return self.data

@@ -9,7 +9,7 @@ from typing import NamedTuple, final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.render.camera import Camera
+from modalshell.render.camera import NEAREST, Camera
 from modalshell.render.content import ShadedSurface
 from modalshell.render.painter import LIGHTS, LINE_WIDTH, MESH_LINE_WIDTH, SUPERSAMPLING, line_opacity, reflectance
 from modalshell.render.raster import draw_triangles, flatten, flatten_one, shade
@@ -181,7 +181,7 @@ class RasteriserPainter:
         pixels = 0.5 * (projected[:, :2] * (1.0, -1.0) + 1.0) * np.array(self._size)
         height = projected[:, 2] + lift
         # In perspective not the height but one over the distance is linear over the picture.
-        return pixels, 1.0 / np.maximum(camera.distance - height, 1e-9)
+        return pixels, 1.0 / np.maximum(camera.distance - height, NEAREST * camera.distance)
 
     def _shade(
         self, surface: ShadedSurface, sides: Sides, faces: NDArray[np.int64], camera: Camera

@@ -90,8 +90,7 @@ def draw_views(
             camera = frame_points(cloud, view.camera, aspect)
             painter.start(view.surfaces, camera, colors)
             images.append(painter.image())
-    save_picture(page.paint(images), target)
-    return target
+    return save_picture(page.paint(images), target)
 
 
 def draw_surfaces(
@@ -101,8 +100,7 @@ def draw_surfaces(
     target, size = checked_path(path, ".png"), checked_size(size)
     with closing(open_painter(size)) as painter:
         painter.start(surfaces, camera, scalar_colors(surfaces))
-        save_picture(painter.image(), target)
-    return target
+        return save_picture(painter.image(), target)
 
 
 def _best_columns(view: View, cloud: NDArray[np.float64], count: int, size: tuple[int, int]) -> int:
@@ -134,9 +132,10 @@ def _scalar_label(views: Sequence[View]) -> str | None:
     return next((surface.label for surface in valued if surface.label), None)
 
 
-def save_picture(page: NDArray[np.uint8], target: Path) -> None:
-    """Write a PNG in one move, so that a killed run leaves no half picture."""
+def save_picture(page: NDArray[np.uint8], target: Path) -> Path:
+    """Write pixels (height, width, 3) to a PNG in one move, so that a killed run leaves no half picture."""
     from matplotlib.image import imsave
 
     with replacing(target) as temporary:
         imsave(temporary, page)
+    return target

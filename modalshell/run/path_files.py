@@ -9,7 +9,7 @@ import numpy as np
 
 from modalshell.analysis.paths import EquilibriumPath, equilibrium_path
 from modalshell.core.errors import OptionError
-from modalshell.core.typing import Progress
+from modalshell.core.typing import Progress, unheard
 from modalshell.core.units import SI, UnitSystem
 from modalshell.files.atomic_io import write_npz
 from modalshell.loads import Scaled
@@ -70,7 +70,7 @@ def _draw_shapes(path: EquilibriumPath, file: Path) -> Path:
     return draw_views(views, file, columns=columns, size=(400 * columns, 330 * rows), legend=False)
 
 
-def scene_path(scene: Scene, on_step: Progress | None = None, **changed: Any) -> EquilibriumPath:
+def scene_path(scene: Scene, on_step: Progress = unheard, **changed: Any) -> EquilibriumPath:
     """Follow the equilibria of a scene's model under its load, by its ``[path]`` table with some keys changed.
 
     SceneError where a table is refused: constraints, supports that move or loads that change in time, too.

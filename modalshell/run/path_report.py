@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
@@ -23,6 +22,7 @@ from modalshell.page.report import (
     paragraph,
     plain,
     section,
+    sentence,
     shell_numbers,
     shell_rows,
     table,
@@ -87,12 +87,8 @@ def path_page(scene: ShellScene, numbers: Mapping[str, Any], pictures: Sequence[
         "Shapes at the beginning, where something happens, and at the end, with their load factors.",
     )
     alts = ("The load-deflection curve", "The shell along the path")
-    figures = [
-        figure(base64.b64encode(file.read_bytes()).decode(), alt, text)
-        for file, alt, text in zip(pictures, alts, words, strict=False)
-    ]
-    made = made_rows(numbers["command"], record)
-    digests = [("Scene, SHA-256", record["scene"]), ("Mesh, SHA-256", record["mesh"])]
+    figures = [figure(file.read_bytes(), alt, text) for file, alt, text in zip(pictures, alts, words, strict=False)]
+    made = made_rows(numbers["command"], record, record)
     happened = [(one["name"], event) for one in paths for event in one["events"]]
     events = data_table(
         ("", "Event", "Point", "Load factor", f"Displacement [{of('m')}]"),
@@ -110,7 +106,7 @@ def path_page(scene: ShellScene, numbers: Mapping[str, Any], pictures: Sequence[
             section("Stability", data_table(("", "Load factors", "Points", "Unstable directions"), _parts(paths))),
             section("Curves", _curves(paths, of("m"))),
             section("Shell", table(shell_rows(numbers, record["parameters"], of))),
-            section("How it was made", table([("Path", plain(numbers["path"]) or "by default"), *made, *digests])),
+            section("How it was made", table([("Path", plain(numbers["path"]) or "by default"), *made])),
             section("Scene file", listing(scene.file.read_text(encoding="utf-8"))),
         ],
     )
@@ -119,14 +115,13 @@ def path_page(scene: ShellScene, numbers: Mapping[str, Any], pictures: Sequence[
 def _headline(scene: ShellScene, numbers: Mapping[str, Any]) -> str:
     """What was followed, by which model, and how it ended."""
     first = numbers["paths"][0]
-    message = numbers["message"]
-    remark = f" {message[0].upper()}{message[1:].rstrip('.')}." if message else ""
+    remark = sentence(numbers["message"])
     branches = len(numbers["paths"]) - 1
     also = f", and {branches} {'branches' if branches > 1 else 'branch'}" if branches else ""
     return (
         f"Equilibria by {scene.model.spec.name} under the load times a factor: {numbers['outcome']}, "
         f"{first['count']} points, factors {min(first['factors']):{_DIGITS}} to "
-        f"{max(first['factors']):{_DIGITS}}{also}.{remark}"
+        f"{max(first['factors']):{_DIGITS}}{also}. {remark}".rstrip()
     )
 
 

@@ -79,11 +79,11 @@ class SceneRun(ABC, Generic[Result]):
         """
 
     @abstractmethod
-    def compute(self, file: FrameFile, restart: bool, on_step: Progress | None) -> int:
+    def compute(self, file: FrameFile, restart: bool, on_step: Progress) -> int:
         """Compute to the end, from the start or from the last frame of ``file``; return how many frames it held."""
 
     @abstractmethod
-    def write(self, formats: list[str], on_step: Progress | None) -> None:
+    def write(self, formats: list[str], on_step: Progress) -> None:
         """Write the results in some formats."""
 
     @abstractmethod
@@ -99,7 +99,7 @@ class SceneRun(ABC, Generic[Result]):
         return self.folder / f"{self.name}.{suffix}"
 
     @final
-    def run(self, restart: bool, on_step: Progress | None) -> Result:
+    def run(self, restart: bool, on_step: Progress) -> Result:
         """Compute and write what is missing; see :func:`modalshell.run_scene`."""
         with self._units.said(), FrameFile(self.path("frames")) as file:
             refuse_foreign(*(self.path(kind) for kind in ("npz", "csv") if kind in self.formats))

@@ -124,7 +124,7 @@ def _balance(scene: ShellScene, shell: Shell, run: Trajectory) -> dict[str, Any]
     """The load's and the reactions' resultants at rest, and what is missing to their balance as a share."""
     if not held_by_supports(scene):
         return {"load": None, "reactions": None, "balance": None}
-    _, force, loads, _ = scene.build_loading(shell)
+    force, loads = scene.build_forces(shell)
     x = np.asarray(run.positions[-1], dtype=np.float64)
     acting = shell.loading(scene.gravity, force, loads).force(x)
     total = acting.sum(axis=0)
@@ -147,7 +147,7 @@ def _frequencies(shell: Shell) -> list[float]:
 
 def _buckling(scene: ShellScene, shell: Shell) -> float | str:
     """The lowest factor of the load at which linear theory has the shell buckle."""
-    _, force, loads, _ = scene.build_loading(shell)
+    force, loads = scene.build_forces(shell)
     found = buckling_factors(shell, 1, gravity=scene.gravity, force=force, loads=loads)
     if remark := bent_remark(shell, found):
         raise SolverError(remark)

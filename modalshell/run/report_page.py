@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from modalshell.core.typing import Array
 from modalshell.models.base.model import NO_POTENTIAL
 from modalshell.motion import Trajectory
+from modalshell.motion.colouring import DISPLACEMENT, Colouring
 from modalshell.page.report import (
     document,
     figure,
@@ -19,6 +20,7 @@ from modalshell.page.report import (
     made_rows,
     paragraph,
     section,
+    sentence,
     shell_rows,
     table,
     vector,
@@ -26,7 +28,6 @@ from modalshell.page.report import (
 from modalshell.render import Picture, ShadedSurface, View
 from modalshell.render.content import DEFAULT_CAMERA
 from modalshell.run.report_numbers import load_arrows
-from modalshell.run.results import DISPLACEMENT, Colouring
 from modalshell.scene import ShellScene
 from modalshell.shell import Shell
 
@@ -41,8 +42,7 @@ def report_page(
     of = run.units.of
     stored = record.get("record", {})
     declared = stored.get("parameters", {}) | {"material": scene.material.plain()}
-    made = made_rows(numbers["command"], stored)
-    digests = [("Scene, SHA-256", record["identity"]["scene"]), ("Mesh, SHA-256", record["identity"]["mesh"])]
+    made = made_rows(numbers["command"], stored, record["identity"])
     parts = [
         paragraph(_headline(scene, numbers, of("s"))),
         _figure(scene, shell, run),
@@ -52,7 +52,7 @@ def report_page(
     if "convergence" in numbers:
         parts.append(section("Coarser meshes", _convergence_table(numbers["convergence"], of)))
     parts += [
-        section("How it was made", table([*made, *digests])),
+        section("How it was made", table(made)),
         section("Scene file", listing(scene.file.read_text(encoding="utf-8"))),
     ]
     return document(scene.name, parts)
@@ -61,12 +61,8 @@ def report_page(
 def _headline(scene: ShellScene, numbers: dict[str, Any], second: str) -> str:
     """What was computed, by which model, and how it ended."""
     kind = "Equilibrium" if scene.motion is None else f"Motion of {numbers['duration']:.4g} {second}"
-    remark = (
-        f" {numbers['message'][0].upper()}{numbers['message'][1:]}."
-        if numbers["message"] not in ("", NO_POTENTIAL)
-        else ""
-    )
-    return f"{kind} by {scene.model.spec.name}: {numbers['outcome']}.{remark}"
+    remark = "" if numbers["message"] == NO_POTENTIAL else sentence(numbers["message"])
+    return f"{kind} by {scene.model.spec.name}: {numbers['outcome']}. {remark}".rstrip()
 
 
 def _answer_rows(numbers: dict[str, Any], of: Any) -> list[tuple[str, str]]:
@@ -155,7 +151,7 @@ def _figure(scene: ShellScene, shell: Shell, run: Trajectory) -> str:
     words = (
         f"At its end, coloured by {shown.label}, over the outline at rest; black: supports; red: the load's direction."
     )
-    return figure(picture.base64, f"The shell coloured by {shown.label}", words)
+    return figure(picture.data, f"The shell coloured by {shown.label}", words)
 
 
 def _beads(points: Array, radius: float) -> tuple[Array, NDArray[np.int64]]:

@@ -9,52 +9,21 @@ from typing import TYPE_CHECKING, Any, Literal, final
 
 import numpy as np
 
-from modalshell.core.typing import Array, Progress
+from modalshell.core.typing import Array, Progress, unheard
 from modalshell.export import save_trajectory
 from modalshell.motion import Trajectory
+from modalshell.motion.colouring import Colouring
 from modalshell.render import ShadedSurface, View, draw_views, write_film
 from modalshell.render.bodies import bodies_at, moving_bodies
 from modalshell.render.content import DEFAULT_CAMERA
 from modalshell.render.stage import DOWN, LOWEST_VIEW, Stage
-from modalshell.shell.fields import FIELDS, TENSORS, scalar_of, vertex_means
 
 if TYPE_CHECKING:
     from modalshell.contact import Contact
 
 
-@final
-@dataclass(frozen=True)
-class Colouring:
-    """Values (F, n) at the vertices that colour a motion, their name with its unit, and a colour map."""
-
-    values: Array
-    label: str
-    colormap: str
-
-    @classmethod
-    def of(cls, run: Trajectory, name: str) -> Colouring:
-        """The field of a trajectory, averaged over the triangles at each vertex by their area at rest."""
-        if name == DISPLACEMENT:
-            moved = np.linalg.norm(np.asarray(run.positions, dtype=np.float64) - run.rest_positions, axis=2)
-            return cls(moved, f"{name} [{run.units.of('m')}]", "viridis")
-        values = vertex_means(scalar_of(name, run.fields[name]), run.rest_positions, run.faces)
-        unit = run.units.of(FIELDS[name])
-        label = name.replace("_", " ").replace("mises", "Mises") + (f" [{unit}]" if unit else "")
-        return cls(values, label, "coolwarm" if name in TENSORS else "viridis")
-
-    def spread(self, frames: int | slice) -> tuple[float, float]:
-        """Values at the ends of the colour map: about zero for fields of either sign."""
-        low, high = float(self.values[frames].min()), float(self.values[frames].max())
-        if self.colormap == "coolwarm":
-            high = max(abs(low), abs(high))
-            return -high, high
-        return low, high
-
-
 _FILM_RATE = 60.0
 """Frames a second of a film, at most."""
-DISPLACEMENT = "displacement"
-"""Colour of films and pictures that is no field of the triangles."""
 
 
 @final
@@ -91,7 +60,7 @@ class Look:
 
 
 def write_result(
-    run: Trajectory, path: Path, look: Look, on_step: Progress | None = None, contacts: Sequence[Contact] = ()
+    run: Trajectory, path: Path, look: Look, on_step: Progress = unheard, contacts: Sequence[Contact] = ()
 ) -> Path:
     """Write a motion in the format of the file's suffix, atomically; return the path.
 
@@ -120,7 +89,7 @@ def write_result(
         surface = ShadedSurface(positions[0], run.faces, smooth=True)
         if shown is not None:
             surface = replace(surface, scalars=shown.values[0], label=shown.label)
-            colours |= {"scalars": [shown.values[::every]], "scalar_range": shown.spread(slice(None))}
+            colours |= {"scalars": [shown.values[::every]], "scalar_range": shown.spread()}
         surfaces: list[ShadedSurface] = [surface]
         motions: list[Any] = [positions[::every]]
         touched = () if look.turntable else contacts

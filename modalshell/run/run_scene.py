@@ -15,12 +15,12 @@ import numpy as np
 
 from modalshell.core.checks import checked_callback, checked_choice
 from modalshell.core.errors import ModalShellWarning
-from modalshell.core.typing import Progress
+from modalshell.core.typing import Progress, unheard
 from modalshell.export import check_formats
 from modalshell.models.factory import SolveModes
 from modalshell.motion import Trajectory
+from modalshell.motion.colouring import DISPLACEMENT
 from modalshell.run.protocol import RunResult, SceneRun
-from modalshell.run.results import DISPLACEMENT
 from modalshell.run.run_shell import ShellRun
 from modalshell.scene import Scene, ShellScene, load_scene
 from modalshell.scene.tables import Format
@@ -70,7 +70,7 @@ def run_scene(
     OptionError
         If the folder holds frames of another run under this name, or another process is running there.
     """
-    checked_callback("on_step", on_step)
+    on_step = checked_callback("on_step", on_step)
     declared = scene if isinstance(scene, Scene) else load_scene(scene)
     if color is not None:
         declared = _coloured(declared, color)
@@ -89,7 +89,7 @@ def run_scene(
 
 
 def run_in_memory(
-    scene: ShellScene, on_step: Progress | None = None, shell: Shell | None = None, solve: SolveModes | None = None
+    scene: ShellScene, on_step: Progress = unheard, shell: Shell | None = None, solve: SolveModes | None = None
 ) -> Trajectory:
     """The motion or equilibrium that :func:`run_scene` gives, of which no file is kept.
 

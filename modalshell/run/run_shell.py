@@ -20,12 +20,13 @@ from modalshell.core.memory import demand_disk
 from modalshell.core.outcome import Outcome
 from modalshell.core.short_repr import short_repr
 from modalshell.core.touched import TOUCHED, TouchedFrame
-from modalshell.core.typing import Array, Progress
+from modalshell.core.typing import Array, Progress, unheard
 from modalshell.export import load_trajectory
 from modalshell.export.near_origin import demand_near_origin
 from modalshell.models import Equilibrium
 from modalshell.models.factory import SolveModes
 from modalshell.motion import Motion, Trajectory
+from modalshell.motion.colouring import DISPLACEMENT
 from modalshell.motion.fields import checked_fields, shell_at, with_fields, with_stretch_remark
 from modalshell.motion.recorder import Recorder, take_steps
 from modalshell.render.content import checked_direction
@@ -33,7 +34,7 @@ from modalshell.render.stage import down_of
 from modalshell.run.balance import has_reactions
 from modalshell.run.frame_file import FrameFile
 from modalshell.run.protocol import RunResult, SceneRun
-from modalshell.run.results import DISPLACEMENT, Look, write_result
+from modalshell.run.results import Look, write_result
 from modalshell.scene import BuiltScene, ShellScene
 from modalshell.scene.parts import build_path
 from modalshell.scene.read import located
@@ -101,7 +102,7 @@ class ShellRun(SceneRun[SceneResult]):
         shell: Shell,
         folder: Path,
         look: Look | None = None,
-        on_frame: Progress | None = None,
+        on_frame: Progress = unheard,
         solve: SolveModes | None = None,
     ) -> None:
         super().__init__(scene, shell, folder)
@@ -150,7 +151,7 @@ class ShellRun(SceneRun[SceneResult]):
         self._trajectory = with_stretch_remark(self._trajectory, self.shell, build_path(self._scene.supports))
         return True
 
-    def compute(self, file: FrameFile, restart: bool, on_step: Progress | None) -> int:
+    def compute(self, file: FrameFile, restart: bool, on_step: Progress) -> int:
         """Find the equilibrium, or step to the end of the motion."""
         scene = self._scene
         if scene.output.positions == "float32":
@@ -176,7 +177,7 @@ class ShellRun(SceneRun[SceneResult]):
         self._trajectory = with_stretch_remark(self._trajectory, self.shell, built.path, own)
         return resumed
 
-    def write(self, formats: list[str], on_step: Progress | None) -> None:  # noqa: ARG002 (steps alone are counted)
+    def write(self, formats: list[str], on_step: Progress) -> None:  # noqa: ARG002 (steps alone are counted)
         """Write the trajectory."""
         for suffix in formats:
             write_result(self._trajectory, self.path(suffix), self._look, self._on_frame, self._contacts)
@@ -226,7 +227,7 @@ def _move(
     file: FrameFile,
     identity: dict[str, str],
     restart: bool,
-    on_step: Progress | None,
+    on_step: Progress,
 ) -> tuple[Trajectory, int]:
     """Step to the end from rest or from the last stored frame; also return how many frames there were."""
     motion = built.start_motion()

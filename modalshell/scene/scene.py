@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, cast, final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from modalshell.core.checks import checked_vectors
 from modalshell.core.errors import ModalShellWarning, OptionError, SceneError
@@ -349,16 +350,20 @@ class BuiltScene:
         if table is None:
             raise SceneError(f"{self.scene.file}: motion: missing; without it the scene asks for an equilibrium")
         with located(self.scene.file, "motion", table, self.contacts):
-            return Motion(
-                self.model,
-                self.model.shell.loading(self.gravity, self.force, self.loads),
-                dt=table.dt,
-                damping=build_damping(table),
-                supports=self.path,
-                constraints=self.constraints,
-                contacts=self.contacts,
-                tolerance=build_tolerance(table),
-            )
+            return self.motion_of(self.model, self.gravity, table)
+
+    def motion_of(self, model: Model, gravity: ArrayLike | None, table: tables.MotionTable) -> Motion:
+        """The motion of a ``model`` from rest under a gravity (3,) and the other loads of the scene, by a table."""
+        return Motion(
+            model,
+            model.shell.loading(gravity, self.force, self.loads),
+            dt=table.dt,
+            damping=build_damping(table),
+            supports=self.path,
+            constraints=self.constraints,
+            contacts=self.contacts,
+            tolerance=build_tolerance(table),
+        )
 
     def judged(self, run: Trajectory) -> Trajectory:
         """A motion of the scene with error bars, where it asks for them, and a remark if its load buckles the shell.

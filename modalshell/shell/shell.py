@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sps
 from numpy.typing import ArrayLike
 
-from modalshell.core.checks import checked_kind, checked_vectors, shown
+from modalshell.core.checks import checked_kind, checked_switch, checked_vectors, shown
 from modalshell.core.errors import OptionError, SupportError
 from modalshell.core.thread_safety import read_only
 from modalshell.core.typing import Array, Index
@@ -120,7 +120,7 @@ class Shell(EnergyAccess):
         rest: TriangleMesh | ArrayLike | None = None,
         creases: Sequence[Crease] = (),
     ) -> None:
-        self.loose_parts = checked_kind("loose_parts", loose_parts, bool)
+        self.loose_parts = checked_switch("loose_parts", loose_parts)
         self.mesh = checked_kind("mesh", mesh, TriangleMesh)
         self.rest_mesh = mesh_at_rest(mesh, rest)
         self._clamped_on, self._settled = mesh, False

@@ -9,7 +9,7 @@ from typing import NamedTuple, final
 import numpy as np
 
 from modalshell.core.errors import SolverError
-from modalshell.core.typing import Array, Progress
+from modalshell.core.typing import Array, Progress, unheard
 from modalshell.shell import EXACT
 from modalshell.statics.bordered import Plane
 from modalshell.statics.newton import Matrix, Problem
@@ -86,7 +86,7 @@ def follow(
     first: PathPoint,
     span: Range,
     stop: Callable[[PathEvent], bool] | None = None,
-    on_point: Progress | None = None,
+    on_point: Progress = unheard,
     ends: Sequence[PathPoint] = (),
 ) -> Trace:
     """Follow the path from ``first`` until the load factor of ``span``, or until an event for which ``stop`` holds.
@@ -115,8 +115,7 @@ def follow(
         for passed, kind in events:
             trace.add(passed, (kind,))
         trace.add(found)
-        if on_point is not None:
-            on_point(len(trace.points), span.points)
+        on_point(len(trace.points), span.points)
         if stop is not None and any(map(stop, trace.events[known:])):
             return trace
         if end is not None:

@@ -124,8 +124,8 @@ def run_sweep(
     KeyboardInterrupt
         When stopped, with a message of how much is stored.
     """
-    checked_callback("on_check", on_check)
-    checked_callback("on_step", on_step)
+    on_check = checked_callback("on_check", on_check)
+    on_step = checked_callback("on_step", on_step)
     folder = None if out is None else checked_folder("out", out)
     declared = sweep if isinstance(sweep, Sweep) else load_sweep(checked_folder("sweep", sweep))
     folder = folder or Path(declared.output.folder)
@@ -175,7 +175,7 @@ def _complete(
     plan: Plan,
     store: CaseFolder,
     compute: Callable[[list[Task]], Generator[CaseResult, None, None]],
-    on_step: Progress | None,
+    on_step: Progress,
 ) -> None:
     """Compute the cases of a plan that have no result yet; each is stored at once, and added to ``results``."""
     missing = [task for digest, task in plan.tasks.items() if digest not in results]
@@ -186,8 +186,7 @@ def _complete(
             for result in computed:
                 store.write(result)
                 results[result.digest] = result
-                if on_step is not None:
-                    on_step(len(results), len(plan.tasks))
+                on_step(len(results), len(plan.tasks))
     except KeyboardInterrupt as stop:
         # From the files: a stop may fall between the writing of one and its count.
         stored = sum(store.read(digest) is not None for digest in plan.tasks)

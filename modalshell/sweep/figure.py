@@ -20,6 +20,7 @@ import numpy as np
 from modalshell.core.checks import shortened
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
+from modalshell.core.units import with_unit
 from modalshell.models.registry import models
 from modalshell.render.curves import Curve, Panel, draw_curves
 from modalshell.render.maps import MapPanel, draw_maps
@@ -95,7 +96,7 @@ class _Summary:
         """The name of an axis of numbers, with its unit; of an axis of vectors that of their lengths."""
         axis, unit = self.axes[place], self.units.get(self.axes[place].key, "1")
         name = f"|{axis.key}|" if isinstance(axis.values[0], list) else axis.key
-        return _with_unit(name, unit)
+        return with_unit(name, unit)
 
     def heading(self, chosen: Chosen) -> str:
         """Title of the panel of the chosen values."""
@@ -264,12 +265,7 @@ def _short_texts(axis: Axis) -> list[str]:
 
 
 def _label(value: str, units: Mapping[str, str]) -> str:
-    unit = units.get(value, "1")
-    return _with_unit(_LABELS.get(value, value.replace("_", " ")), unit)
-
-
-def _with_unit(name: str, unit: str) -> str:
-    return f"{name} [{unit}]" if unit != "1" else name
+    return with_unit(_LABELS.get(value, value.replace("_", " ")), units.get(value, "1"))
 
 
 def _is_wide(values: Any) -> bool:

@@ -19,6 +19,7 @@ from typing import IO
 
 import msgspec
 
+from modalshell.core.cores import ONE_THREAD
 from modalshell.core.errors import WorkerError
 from modalshell.core.outcome import Outcome
 from modalshell.sweep.case import CaseResult, Task
@@ -28,7 +29,6 @@ ATTEMPTS = 3
 """Number of processes that may die at a case before it is recorded as failed."""
 _STARTS = 5
 """Number of successive processes that may die before they get a case."""
-_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
 def run_locally(
@@ -141,7 +141,7 @@ class _Worker:
         self._noise = tempfile.TemporaryFile()  # noqa: SIM115 (closed with the process)
         self.process = subprocess.Popen(
             [sys.executable, "-P", "-m", "modalshell.sweep.worker"],
-            env=os.environ | dict.fromkeys(_THREADS, "1") | {"PYTHONPATH": paths},
+            env=os.environ | ONE_THREAD | {"PYTHONPATH": paths},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._noise,

@@ -11,7 +11,7 @@ import numpy as np
 
 from modalshell.core.checks import shortened, shown
 from modalshell.core.errors import ModalShellWarning, SceneError
-from modalshell.core.typing import Progress
+from modalshell.core.typing import Progress, unheard
 from modalshell.mesh import TriangleMesh
 from modalshell.scene import Scene, parse_scene
 from modalshell.scene.index_files import numbered
@@ -46,7 +46,7 @@ class Plan:
         Tasks by digest: those of the cases, and their reference solutions if requested.
     """
 
-    def __init__(self, sweep: Sweep, on_check: Progress | None = None) -> None:
+    def __init__(self, sweep: Sweep, on_check: Progress = unheard) -> None:
         self.cases: list[GridCase] = []
         self.tasks: dict[str, Task] = {}
         self._meshes: dict[str, tuple[TriangleMesh, bytes, bytes]] = {}
@@ -61,8 +61,7 @@ class Plan:
                 raise SceneError(f"{sweep.file}: case {number} of {sweep.count} ({shortened(at)}): {error}") from error
             self.cases.append(GridCase(values, digest, truth, mesh))
             key = key or numbered(raw)
-            if on_check is not None:
-                on_check(number, sweep.count)
+            on_check(number, sweep.count)
         counts = sorted({len(case.mesh.vertices) for case in self.cases})
         if len(counts) > 1 and key:
             warnings.warn(

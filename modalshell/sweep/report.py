@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import csv
 import tempfile
 from collections.abc import Mapping
@@ -10,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from modalshell.core.outcome import Outcome
-from modalshell.page.report import data_table, document, figure, listing, paragraph, plain, section, table
+from modalshell.core.units import with_unit
+from modalshell.page.report import data_table, document, figure, listing, paragraph, plain, section, sentence, table
 from modalshell.sweep.driver import SweepResult
 from modalshell.sweep.figure import axis_text, checked_value, draw_summary
 from modalshell.sweep.grid import Sweep
@@ -58,7 +58,7 @@ def sweep_page(sweep: Sweep, numbers: Mapping[str, Any]) -> str:
     """The HTML of a report on a sweep, from its numbers."""
     rows, units = numbers["cases"], numbers["units"]
     axes = [
-        (f"{axis['key']}{_unit(units, axis['key'])}", ", ".join(map(axis_text, axis["values"])))
+        (with_unit(axis["key"], units.get(axis["key"], "")), ", ".join(map(axis_text, axis["values"])))
         for axis in numbers["axes"]
     ]
     shown = [key for key in _SHOWN if any(row.get(key) is not None for row in rows)]
@@ -66,7 +66,7 @@ def sweep_page(sweep: Sweep, numbers: Mapping[str, Any]) -> str:
         shown = [key for key in shown if key != "peak_displacement"]
     if not any(row.get("unconverged_steps") for row in rows):
         shown = [key for key in shown if key != "unconverged_steps"]
-    heading = [f"{_NAMES.get(key, key.replace('_', ' '))}{_unit(units, key)}" for key in shown]
+    heading = [with_unit(_name(key), units.get(key, "")) for key in shown]
     keys = [axis.key for axis in sweep.axes]
     cases = [
         (
@@ -111,8 +111,7 @@ def _headline(sweep: Sweep, numbers: Mapping[str, Any]) -> str:
     value = numbers["value"]
     between = " to ".join(f"{_cell(one[value])} (case {one['case']})" for one in numbers["extremes"].values())
     unit = numbers["units"].get(value, "1")
-    name = _NAMES.get(value, value.replace("_", " "))
-    return f"{text} {name[0].upper()}{name[1:]}: {between}{'' if unit == '1' else f' {unit}'}."
+    return f"{text} {sentence(f'{_name(value)}: {between}' + ('' if unit == '1' else f' {unit}'))}"
 
 
 def _picture(sweep: Sweep, numbers: Mapping[str, Any]) -> str:
@@ -121,9 +120,9 @@ def _picture(sweep: Sweep, numbers: Mapping[str, Any]) -> str:
         file = Path(folder) / "sweep.png"
         note = draw_summary(numbers["cases"], sweep.axes, numbers["value"], file, sweep.name, numbers["units"], 2)
         if note:
-            return paragraph(f"{note[0].upper()}{note[1:]}.")
-        name = _NAMES.get(numbers["value"], numbers["value"].replace("_", " "))
-        drawn = base64.b64encode(file.read_bytes()).decode()
+            return paragraph(sentence(note))
+        name = _name(numbers["value"])
+        drawn = file.read_bytes()
     return figure(drawn, f"The {name} over the axes of the sweep", f"The {name} over the axes.")
 
 
@@ -138,9 +137,8 @@ def _remarks(rows: list[dict[str, Any]]) -> list[tuple[str, str]]:
     return [(f"Case{'s' * (len(cases) > 1)} {', '.join(cases)}", text) for text, cases in said.items()]
 
 
-def _unit(units: Mapping[str, str], key: str) -> str:
-    unit = units.get(key, "1")
-    return "" if unit in ("", "1") else f" [{unit}]"
+def _name(measure: str) -> str:
+    return _NAMES.get(measure, measure.replace("_", " "))
 
 
 def _cell(value: Any) -> str:

@@ -17,12 +17,11 @@ from modalshell.core.units import SI, UnitSystem
 from modalshell.integrators.state import CREASES, HEAT
 from modalshell.models import Model
 from modalshell.models.base.modal import ModalModel, as_modal
-from modalshell.models.factory import FirstModes
+from modalshell.models.factory import MODE_COUNT, FirstModes
 from modalshell.motion import Motion
 from modalshell.motion.recorder import take_steps
 from modalshell.scene import Scene
 from modalshell.scene.models import model_tables
-from modalshell.scene.parts import build_damping, build_tolerance
 from modalshell.scene.tables import MotionTable
 from modalshell.viewer.live_bar import LiveBar
 
@@ -112,7 +111,7 @@ class ViewSession:
         self._table = scene.motion or _still_motion(self.units)
         self._size = self.shell.size
         self.name = scene.model.spec.key
-        self.modes = int(getattr(scene.model, "modes", 8))
+        self.modes = int(scene.model.options.get("modes", MODE_COUNT))
         self.mode_limit = min(max(_MODE_LIMIT, self.modes), self.shell.unknowns.count)
         self.gravity = np.array(self._built.gravity or (0.0, 0.0, 0.0), dtype=np.float64)
         self.gravity_limit = gravity_limit(self.gravity, self.units)
@@ -296,17 +295,7 @@ class ViewSession:
 
     def _new_motion(self, model: Model, before: Motion | None) -> Motion:
         """A motion of ``model`` from rest at time 0, or from the shape and time of the one ``before``."""
-        path = self._built.path
-        motion = Motion(
-            model,
-            model.shell.loading(self.gravity, self._built.force, self._built.loads),
-            dt=self._table.dt,
-            damping=build_damping(self._table),
-            supports=path,
-            constraints=self._built.constraints,
-            contacts=self._built.contacts,
-            tolerance=build_tolerance(self._table),
-        )
+        path, motion = self._built.path, self._built.motion_of(model, self.gravity, self._table)
         if before is not None:
             motion.count = before.count
             motion.place(self.positions)

@@ -18,6 +18,7 @@ from modalshell.render.content import DEFAULT_CAMERA, ShadedSurface
 from modalshell.render.painter import LINE_WIDTH, reflectance
 from modalshell.render.plotter import add_faces, close_plotter, open_plotter, set_camera
 from modalshell.render.surfaces import EdgeTable, line_color, normals
+from modalshell.render.views import save_picture
 from modalshell.viewer.session import gravity_limit
 
 _SIZE = (1200, 800)
@@ -143,7 +144,7 @@ class Stage:
     def save_picture(self, path: Path) -> None:
         """Render to a PNG file, and close."""
         self.plotter.render()
-        self.plotter.screenshot(str(path))
+        save_picture(self.plotter.screenshot(None, return_img=True), path)
         self.close()
 
     def close(self) -> None:

@@ -1,5 +1,7 @@
 """Other engines in a comparison: rows with errors and cost, a table, and marks in the picture."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scenes import PLAIN
@@ -8,6 +10,7 @@ import modalshell as ms
 from modalshell.compare import engine_runs as engines
 from modalshell.compare.draw import pareto_panel
 from modalshell.compare.engines import EngineAnswer
+from modalshell.core.units import UnitSystem
 
 SHEET = ms.Isotropic(young=1e7, poisson=0.0, thickness=3e-3, density=1000.0)
 
@@ -70,3 +73,17 @@ def test_a_shell_of_hinges_is_beyond_the_engines():
     case = ms.compare.case.make_case(shell, (0.0, 0.0, -0.1), None, ())
     rows = engines.engine_rows(case, np.array(mesh.vertices))
     assert all(row["outcome"].startswith("cannot express") for row in rows)
+
+
+@pytest.mark.usefixtures("answers")
+def test_a_stable_step_is_told_in_seconds_whatever_the_unit_of_time(shell):
+    case = replace(ms.compare.case.make_case(shell, (0.0, 0.0, -1.0), None, ()), units=UnitSystem(time="ms"))
+    assert engines.engine_rows(case, None)[0]["step"] == pytest.approx(1e-6)  # of 1e-3 ms
+
+
+def test_a_load_on_what_supports_hold_is_nothing_to_compare():
+    mesh = ms.flat_beam(cells=(6, 2))
+    rests = [ms.Clamp(mesh.vertices[:, 0] < 0.2), ms.Fix(np.ones(len(mesh.vertices), bool), axes="z")]
+    held = ms.Shell(mesh, SHEET, supports=rests)
+    with pytest.raises(ms.OptionError, match="no load moves the shell"):
+        ms.compare.case.make_case(held, (0.0, 0.0, -1.0), None, ())

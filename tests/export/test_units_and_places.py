@@ -17,7 +17,7 @@ import modalshell as ms
 from modalshell.commands.cli import main
 from modalshell.core.units import LENGTHS, TIMES, UnitSystem
 from modalshell.export import save_modes_gltf
-from modalshell.run.results import Colouring
+from modalshell.motion.colouring import Colouring
 
 PLACE = np.array([4.5e5, 5.4e6, 300.0])
 NEEDS_USD = pytest.mark.skipif(importlib.util.find_spec("pxr") is None, reason="pip install 'modalshell[interchange]'")

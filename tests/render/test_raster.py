@@ -156,3 +156,10 @@ def test_the_named_renderer_draws_films(monkeypatch):
     monkeypatch.setattr(backend, "_GRAPHICS_DEVICES", ("no such device",))
     monkeypatch.setenv(backend.RENDERER_VARIABLE, "pyvista")
     assert not backend.draws_faster()
+
+
+@pytest.mark.parametrize("size", [1e-15, 1e15])
+def test_cameras_know_no_size(size):
+    points = np.asarray(ms.v_beam(cells=(4, 2)).vertices)
+    seen, other = (frame_points(each, (1.0, 1.0, 1.0), 1.5).project(each) for each in (points, size * points))
+    np.testing.assert_allclose(other[:, :2], seen[:, :2], atol=1e-9)

@@ -1,5 +1,6 @@
 """The viewer: the session without graphics, and the windows off-screen."""
 
+import os
 import sys
 
 import numpy as np
@@ -13,7 +14,7 @@ from modalshell.models.registry import MODELS
 from modalshell.motion import Motion
 from modalshell.render.backend import RENDERER_VARIABLE
 from modalshell.run import RunFollower
-from modalshell.viewer import ViewSession
+from modalshell.viewer import ViewSession, take_picture
 from modalshell.viewer.live_bar import LiveBar
 from modalshell.viewer.session import FRAME_SECONDS
 
@@ -464,3 +465,19 @@ def test_the_arrow_of_gravity_is_as_long_in_all_units(scene_file):
         viewer._stage.close()
     assert lengths[0] == pytest.approx(0.5 * 0.35, rel=1e-6)
     assert lengths[1] == pytest.approx(lengths[0], rel=1e-6)
+
+
+@pytest.mark.usefixtures("opengl")
+def test_a_window_is_pictured_whole_or_not_at_all(scene_file, tmp_path, monkeypatch):
+    path, move = tmp_path / "a.png", os.replace
+    path.write_bytes(b"before")
+
+    def full_disk(source, target):
+        if str(target) == str(path):
+            raise OSError(28, "No space left on device")
+        move(source, target)
+
+    monkeypatch.setattr(os, "replace", full_disk)
+    with pytest.raises(ms.FileFormatError, match="cannot be written"):
+        take_picture(ms.load_scene(scene_file()), 1, path)
+    assert path.read_bytes() == b"before"

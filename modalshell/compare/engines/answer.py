@@ -10,7 +10,7 @@ from typing import Any, final
 import numpy as np
 
 from modalshell.compare.engines.case import CONSTANTS, STEPS, engine_case
-from modalshell.compare.engines.engine import Engine, ask
+from modalshell.compare.engines.engine import Engine, ask, interpreter
 from modalshell.core.errors import ModalShellError
 from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
@@ -69,7 +69,8 @@ def answered(engine: Engine, shell: Shell, loads: Sequence[tuple[Array | None, A
         case = engine_case(engine, shell, loads)
     except ModalShellError as error:
         return EngineAnswer(engine.name, f"cannot express: {error}")
-    checked = check(engine, tuple(material_constants(shell.material)[name] for name in CONSTANTS))
+    constants = tuple(material_constants(shell.material)[name] for name in CONSTANTS)
+    checked = check(engine, constants, interpreter())
     if checked["outcome"] != COUNTS:
         limits = f" ({engine.limits})" if engine.limits and "drop" in checked else ""
         return EngineAnswer(engine.name, checked["outcome"] + limits, checked["version"], checked.get("drop"))
@@ -98,17 +99,17 @@ def _unfinished(engine: Engine, case: dict[str, Any], answer: dict[str, Any]) ->
     if not answer.get("positions"):
         if not engine.moves:
             return str(answer.get("note", "no equilibrium"))
-        return f"no step down to {case['steps'][-1]:.2g} s stayed stable"
+        return f"no step stayed stable, down to a {STEPS[-1]}th of the lowest mode's period"
     if engine.moves and any(taken * answer["step"] < 0.99 * case["duration"] for taken in answer["taken"]):
         return f"not at rest after {case['limit']:g} s a load"
     return ""
 
 
 @cache
-def check(engine: Engine, constants: tuple[float, ...]) -> dict[str, Any]:
+def check(engine: Engine, constants: tuple[float, ...], python: str) -> dict[str, Any]:  # noqa: ARG001 (of the key)
     """Outcome, version and deviations of an engine's conversion of a sheet's constants, by the longest step that does.
 
-    Of an engine that fails by all of them the nearest row is kept.
+    Of an engine that fails by all of them the nearest row is kept. In another ``python`` it is asked again.
     """
     rows: list[dict[str, Any]] = []
     for first in range(len(STEPS) if engine.moves else 1):

@@ -11,10 +11,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, final
 
+from modalshell.core.cores import ONE_THREAD
+
 ADAPTERS = Path(__file__).with_name("adapters")
 SECONDS = 600.0
 """Time after which an engine is stopped."""
-_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 
 
 @final
@@ -85,12 +86,17 @@ ENGINES = (
 )
 
 
+def interpreter() -> str:
+    """The Python that adapters run in: that of the environment variable ``MODALSHELL_ENGINES``, or this one."""
+    return os.environ.get("MODALSHELL_ENGINES", sys.executable)
+
+
 def ask(engine: Engine, case: dict[str, Any]) -> dict[str, Any]:
     """An adapter's answer to a case, or ``{"outcome": why there is none}``.
 
-    Adapters run on one thread, in the Python that the environment variable ``MODALSHELL_ENGINES`` names, or in this.
+    Adapters run on one thread, in the Python of :func:`interpreter`.
     """
-    python = os.environ.get("MODALSHELL_ENGINES", sys.executable)
+    python = interpreter()
     command = [os.path.abspath(python) if os.sep in python else python, str(ADAPTERS / f"{engine.key}.py")]
     try:
         with tempfile.TemporaryDirectory() as folder:  # engines leave logs where they run
@@ -102,7 +108,7 @@ def ask(engine: Engine, case: dict[str, Any]) -> dict[str, Any]:
                 timeout=SECONDS,
                 check=False,
                 cwd=folder,
-                env={**os.environ, **_ONE_THREAD},
+                env={**os.environ, **ONE_THREAD},
             )
     except subprocess.TimeoutExpired:
         return {"outcome": f"stopped after {SECONDS:g} s"}

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.core.checks import checked_kind, checked_vectors
+from modalshell.core.checks import checked_switch, checked_vectors
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.timings import Stopwatch
@@ -108,7 +108,7 @@ class Model(ABC):
         loading = self.shell.loading(gravity, force, loads)
         begin = None if start is None else self.shell.checked_positions(start)
         wanted, touching = checked_constraints(constraints, self.shell.unknowns), given_contacts(contacts, self.shell)
-        if checked_kind("bar", bar, bool):
+        if checked_switch("bar", bar):
             check_bar(self.true_shell, constraints=wanted, contacts=touching)
         found = self.solved(loading, begin, touching, wanted)
         if not loading.conservative:

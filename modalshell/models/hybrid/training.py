@@ -11,7 +11,7 @@ import numpy as np
 
 from modalshell.core.checks import checked_count, checked_number
 from modalshell.core.errors import ModalShellWarning, OptionError, SolverError
-from modalshell.core.typing import Array, Index, Progress
+from modalshell.core.typing import Array, Index, Progress, unheard
 from modalshell.integrators.free_parts import FittedFrames, FreeParts
 from modalshell.integrators.full import BDF2
 from modalshell.integrators.full.implicit_rule import EulerStart, EulerSteps
@@ -173,7 +173,7 @@ class Training:
         return sorted({min(size, most) for size in tries})
 
 
-def train(coarse: Shell, load: Array, training: Training, on_step: Progress | None = None) -> Trained:
+def train(coarse: Shell, load: Array, training: Training, on_step: Progress = unheard) -> Trained:
     """Train on motions of ``coarse`` under random loads about ``load`` (k, 3) [N].
 
     The basis is the first of :meth:`Training.sizes` that meets the ``error`` on the held-out motions, or else the best,
@@ -223,7 +223,7 @@ def train(coarse: Shell, load: Array, training: Training, on_step: Progress | No
 
 
 def _random_motions(
-    coarse: Shell, load: Array, loads: TrainingLoads, training: Training, on_step: Progress | None
+    coarse: Shell, load: Array, loads: TrainingLoads, training: Training, on_step: Progress
 ) -> tuple[list[tuple[Array, Damping, Array]], int]:
     """Load, damping and frames of the motions to train on, and of those held out after them; and how many failed.
 
@@ -242,8 +242,7 @@ def _random_motions(
             if failed > _MOST_FAILED * total:
                 raise
             continue
-        if on_step is not None:
-            on_step(len(runs), total)
+        on_step(len(runs), total)
     return runs, failed
 
 
