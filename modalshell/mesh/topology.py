@@ -46,9 +46,9 @@ def half_edges(faces: IntArray, vertex_count: int) -> HalfEdges:
 
 
 def numbers_of_edges(edges: IntArray, pairs: IntArray) -> IntArray:
-    """Number (k,) of the edge between each pair (k, 2) of vertices, among ``edges`` (E, 2) in order; -1 for none."""
+    """Number (...) of the edge between each pair (..., 2) of vertices, among ``edges`` (E, 2) in order; -1 for none."""
     count = 1 + max(int(edges.max()), int(pairs.max(initial=0)))
-    keys, wanted = edges @ [count, 1], np.sort(pairs, axis=1) @ [count, 1]
+    keys, wanted = edges @ [count, 1], np.sort(pairs, axis=-1) @ [count, 1]
     found = np.searchsorted(keys, wanted).clip(max=len(keys) - 1)
     return np.where(keys[found] == wanted, found, -1).astype(np.int64)
 

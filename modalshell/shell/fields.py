@@ -164,8 +164,7 @@ def vertex_means(scalars: Array, rest: Array, faces: NDArray[np.integer]) -> Arr
 
 def flat_triangles(mesh: TriangleMesh, x: Array) -> NDArray[np.bool_]:
     """Triangles (T,) that have collapsed to a line or a point at positions x (n, 3)."""
-    sides = x[mesh.faces[:, 1:]] - x[mesh.faces[:, :1]]
-    return np.asarray((np.cross(sides[:, 0], sides[:, 1]) == 0.0).all(axis=1))
+    return np.asarray((area_vectors(x, mesh.faces) == 0.0).all(axis=1))
 
 
 def triangle_axes(mesh: TriangleMesh, x: Array) -> Array:

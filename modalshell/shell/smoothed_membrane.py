@@ -34,6 +34,7 @@ from modalshell.core.in_parts import fill_in_parts
 from modalshell.core.typing import Array, Index
 from modalshell.linalg.elements import assembled
 from modalshell.mesh import TriangleMesh
+from modalshell.mesh.topology import numbers_of_edges
 from modalshell.shell.elasticity import Elasticity
 from modalshell.shell.kernels.split_folds import EDGES, quadratic_forms
 
@@ -168,7 +169,7 @@ def strained_elements(
         ends = mesh.edges[edges]
         triangles = np.column_stack([ends, mesh.faces[rim].sum(axis=1) - ends.sum(axis=1)])
         strain_of = functools.partial(_strain_of_triangles, mesh, sheared=False)
-        numbers = edge_numbers(mesh, triangles, PAIR[:3])
+        numbers = numbers_of_edges(mesh.edges, triangles[:, PAIR[:3]])
         found.append(Strained(triangles, PAIR[:3], numbers, strain_of, rim_areas, rim[:, None]))
     return found
 
@@ -299,11 +300,3 @@ def _matrices(e: Strained, elastic: Array) -> Array:
     matrices = np.empty((len(e.stencils), len(e.pairs), len(e.pairs)))
     fill_in_parts(matrices, products, e.stencils, e.areas, e.faces)
     return matrices
-
-
-def edge_numbers(mesh: TriangleMesh, stencils: Index, pairs: Index) -> Index:
-    """Numbers of the mesh's edges (elements, edges) between the stencils' vertices at ``pairs``."""
-    count = len(mesh.vertices)
-    ends = np.sort(stencils[:, pairs], axis=2)
-    keys = mesh.edges[:, 0] * count + mesh.edges[:, 1]
-    return np.ascontiguousarray(np.searchsorted(keys, ends[:, :, 0] * count + ends[:, :, 1]))
