@@ -13,13 +13,12 @@ from typing import final
 
 import numpy as np
 import scipy.sparse as sps
-from numpy.typing import NDArray
 
 from modalshell.contact.friction import Friction
 from modalshell.contact.rotated import Rotated
 from modalshell.contact.touching import EXACT_GAP, Touching
 from modalshell.core.errors import SolverError
-from modalshell.core.typing import Array, Index
+from modalshell.core.typing import Array, Index, Mask
 from modalshell.modes import Factor
 from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED
 from modalshell.statics import mixed_newton as method
@@ -38,8 +37,6 @@ _REVISITS = 4
 
 WHOLE = 0.999
 """Share of a step from which it counts as whole."""
-
-Mask = NDArray[np.bool_]
 
 
 @final

@@ -28,10 +28,9 @@ from typing import Any, NamedTuple, final
 
 import numpy as np
 import scipy.sparse as sps
-from numpy.typing import NDArray
 
 from modalshell.core.in_parts import fill_in_parts
-from modalshell.core.typing import Array, Index
+from modalshell.core.typing import Array, Index, Mask
 from modalshell.linalg.elements import assembled
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.topology import numbers_of_edges
@@ -126,9 +125,7 @@ class Strained(NamedTuple):
         return _summed_elasticity(elastic, self.areas, self.faces)
 
 
-def strained_elements(
-    mesh: TriangleMesh, clamped: NDArray[np.bool_], smooth: NDArray[np.bool_], mirrored: Index
-) -> list[Strained]:
+def strained_elements(mesh: TriangleMesh, clamped: Mask, smooth: Mask, mirrored: Index) -> list[Strained]:
     """Pairs of triangles over smooth edges, single triangles for their other edges, and those at planes of symmetry.
 
     ``clamped`` (n,) are held vertices, ``smooth`` (H,) hinges of the mesh that are folded little at rest, with about
