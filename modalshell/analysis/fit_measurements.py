@@ -10,12 +10,12 @@ from typing import final
 
 import numpy as np
 import scipy.sparse as sps
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from modalshell.analysis.fit_orders import deeper_minima
 from modalshell.core.checks import as_array, checked_vectors
 from modalshell.core.errors import LoadError, ModalShellWarning, OptionError, SolverError
-from modalshell.core.typing import Array
+from modalshell.core.typing import Array, Mask
 from modalshell.loads import Load, Loading, Scaled
 from modalshell.mesh.selection import Selection, selected
 from modalshell.models.base.equilibrium import Equilibrium
@@ -242,7 +242,7 @@ class MeasuredPositions(Measurements):
         self._measured = measured.reshape(levels.size, -1, 3)
         if np.isinf(measured).any():
             raise OptionError("observed must be finite [m], with NaN where nothing was measured (got infinity)")
-        self._seen: NDArray[np.bool_] = np.isfinite(self._measured)
+        self._seen: Mask = np.isfinite(self._measured)
         if not self._seen.any():
             raise LoadError("observed must hold at least one measured coordinate (got none that is finite)")
         weight = np.zeros(3) if gravity is None else checked_vectors("gravity", gravity, (3,))

@@ -25,7 +25,7 @@ from modalshell.core.errors import LoadError, OptionError, SolverError
 from modalshell.core.outcome import Outcome
 from modalshell.core.short_repr import short_repr
 from modalshell.core.timings import Stopwatch
-from modalshell.core.typing import Array, Progress, Vector
+from modalshell.core.typing import Array, Mask, Progress, Vector
 from modalshell.loads import Load
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.selection import Selection, selected
@@ -93,7 +93,7 @@ class EquilibriumPath:
 
     factors: Array
     positions: Array = field(repr=False)
-    stable: NDArray[np.bool_] = field(repr=False)
+    stable: Mask = field(repr=False)
     unstable_directions: NDArray[np.int64] = field(repr=False)
     displacements: Array = field(repr=False)
     events: list[PathEvent]
@@ -106,7 +106,7 @@ class EquilibriumPath:
     seconds: float = 0.0
     mesh: TriangleMesh | None = field(default=None, repr=False)
     contact_forces: Array = field(default_factory=lambda: np.empty((0, 0, 3)), repr=False)
-    in_contact: NDArray[np.bool_] = field(default_factory=lambda: np.empty((0, 0), dtype=bool), repr=False)
+    in_contact: Mask = field(default_factory=lambda: np.empty((0, 0), dtype=bool), repr=False)
 
     @classmethod
     def _of(

@@ -225,14 +225,14 @@ class _SnapSearch:
     def _speed(self, stiffness: TangentStiffness) -> float:
         """How far a state of that stiffness moves by the share of the load."""
         try:
-            return self._length(stiffness.solve(self._followed.problem.push))
+            return self._followed.problem.length(stiffness.solve(self._followed.problem.push))
         except SolverError:
             return 0.0
 
     def suspicious(self, before: _State, after: _State) -> bool:
         """Whether DS may have left its branch between two states."""
         problem, unknowns = self._followed.problem, self._followed.unknowns
-        moved = self._length(problem.difference(unknowns(after.positions), unknowns(before.positions)))
+        moved = problem.length(problem.difference(unknowns(after.positions), unknowns(before.positions)))
         predicted = (after.factor - before.factor) * min(before.speed, after.speed)
         apart = float(np.linalg.norm(after.positions - before.positions, axis=1).max())
         return before.singular or apart >= _SHIFT * self._shell.size or moved > _MOVED * predicted
@@ -254,9 +254,6 @@ class _SnapSearch:
             before, missed = self.state(above[0][0], above[0][1].positions), False
             if not self.suspicious(before, after):
                 return
-
-    def _length(self, step: Array) -> float:
-        return float(np.sqrt(self._followed.problem.weights @ step**2))
 
 
 def find_snap(

@@ -13,17 +13,17 @@ from typing import final
 
 import numpy as np
 import scipy.sparse as sps
-from numpy.typing import NDArray
 
 from modalshell.contact.friction import Friction
 from modalshell.contact.rotated import Rotated
 from modalshell.contact.touching import EXACT_GAP, Touching
 from modalshell.core.errors import SolverError
-from modalshell.core.typing import Array, Index
+from modalshell.core.typing import Array, Index, Mask
 from modalshell.modes import Factor
 from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.potential import Potential
+from modalshell.statics.refine import refined
 
 PULL = 1e-9
 """Pull, as a share of the scale of forces, that rounding explains: a row that lies on its collider without force."""
@@ -32,15 +32,11 @@ DIRECT = 60
 _CUT = 8
 """Steps at most, of one solve, that are cut short, mostly as they would turn a vertex too far: where that goes on, it
 ends at nothing."""
-_REFINEMENTS = 10
-"""Refinements at most."""
 _REVISITS = 4
 """Times that one set may come back before sets are taken to cycle."""
 
 WHOLE = 0.999
 """Share of a step from which it counts as whole."""
-
-Mask = NDArray[np.bool_]
 
 
 @final
@@ -265,25 +261,14 @@ class ActiveSet:
 
     def _refined(self, rest: Rest, equations: Rotated, factor: Factor) -> tuple[Rest, Array]:
         """The end refined as :mod:`modalshell.statics.refine` does it, with what touches staying on its collider."""
-        shell, scale = self.problem.shell, self.scale(rest.pushes)
-        moved = rest.point.astype(np.longdouble) - shell.rest_positions
-        best, residual, kept = moved, np.inf, np.zeros(0)
-        for iteration in range(_REFINEMENTS + 1):
-            force = self.problem.force((shell.rest_positions + moved).astype(np.float64))
-            gradient = shell.unknowns.restrict((shell.extended_gradient(moved) - force).ravel())
-            out = (equations.unbalanced(gradient) / scale).astype(np.float64)
-            size = float(np.linalg.norm(out))
-            if not size < 0.5 * residual:
-                break
-            best, residual, kept = moved, size, gradient.astype(np.float64)
-            if size <= 0.01 * method.ACCEPTED or iteration == _REFINEMENTS:
-                break
-            step = equations.frames.turned(self.problem.step(factor, out), back=True) * np.longdouble(scale)
-            moved = moved + shell.unknowns.prolong(step).reshape(-1, 3)
-        point = (shell.rest_positions + best).astype(np.float64)
-        limited = residual > method.ACCEPTED
-        refined = replace(rest, point=point, residual=residual, limited=limited, iterations=rest.iterations + iteration)
-        return refined, kept
+
+        def newton(out: Array) -> Array:
+            return np.asarray(equations.frames.turned(self.problem.step(factor, out), back=True))
+
+        found = refined(self.problem, rest.point, self.scale(rest.pushes), equations.unbalanced, newton)
+        count = rest.iterations + found.iterations
+        end = replace(rest, point=found.point, residual=found.residual, limited=found.limited, iterations=count)
+        return end, found.gradient
 
     def dragged(self, x: Array, drag: float) -> ActiveSet:
         """The same with ``drag |y - x|^2 / 2`` added to the potential, in the norm of the mass."""

@@ -7,12 +7,11 @@ from dataclasses import replace
 from typing import Any, ClassVar, Self, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalshell.contact.base import Collider, Gap
 from modalshell.core.checks import checked_kind, checked_number
 from modalshell.core.thread_safety import ReadOnlyArrays
-from modalshell.core.typing import Array, Index
+from modalshell.core.typing import Array, Index, Mask
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.selection import Selection, checked_selection, selected
 from modalshell.supports import Pose, SupportPath
@@ -129,13 +128,13 @@ class Contact(ReadOnlyArrays):
         seen.motion = _RelativePath(self.motion if isinstance(self.motion, SupportPath) else None, frame)
         return seen
 
-    def on(self, chosen: NDArray[np.bool_]) -> Self:
+    def on(self, chosen: Mask) -> Self:
         """The same contact of the vertices ``chosen`` (k,) of another mesh."""
         other = copy.copy(self)
         other.sel = chosen
         return other
 
-    def vertices(self, mesh: TriangleMesh) -> NDArray[np.bool_]:
+    def vertices(self, mesh: TriangleMesh) -> Mask:
         """Mask (n,) of its vertices of a mesh; OptionError where it selects none."""
         if isinstance(self.sel, str) and self.sel == "all":
             return np.ones(len(mesh.vertices), dtype=bool)

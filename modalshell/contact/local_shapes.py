@@ -132,13 +132,12 @@ def _static_solver(basis: Basis) -> tuple[Callable[[Array], Array], int]:
     Also returns of how many vertices at once: a solution is not to depend on those that come with it.
     """
     shell = basis.shell
-    data = shell.energy_gradient_hessian(shell.rest_positions, EXACT if shell.stressed else GAUSS_NEWTON)[2]
-    internal = shell.pattern.internal
+    data = shell.hessian(shell.rest_positions, EXACT if shell.stressed else GAUSS_NEWTON)
     if basis.rigid_modes:
         return RigidFreeSolver.of(shell, data).solve, 1
     try:
         factor = Factoriser(use="solve").definite(shell.pattern.free_matrix(data))
     except SolverError as error:
         raise SolverError(f"contacts of a modal model need a shell that its supports hold: {error}") from error
-    solve = condensed_factor(factor, 0 if internal is None else internal.count).solve
+    solve = condensed_factor(factor, shell.pattern.internal_count).solve
     return (lambda loads: solve(loads)), _TOGETHER if factor.backend == "cholesky" else 1

@@ -6,11 +6,11 @@ from typing import NamedTuple, final
 
 import numpy as np
 
-from modalshell.contact.active_set import DIRECT, ActiveSet, Mask, Rest
+from modalshell.contact.active_set import DIRECT, ActiveSet, Rest
 from modalshell.contact.statics import rest_on_contacts
 from modalshell.contact.touching import Touching
 from modalshell.core.errors import SolverError
-from modalshell.core.typing import Array, Progress
+from modalshell.core.typing import Array, Mask, Progress
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.bifurcation import BIFURCATION, Trace
 from modalshell.statics.newton import rules_of

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any, ClassVar, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalshell.core.checks import checked_number
 from modalshell.core.thread_safety import ReadOnlyArrays
+from modalshell.core.typing import Mask
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.selection import Selection, checked_selection, selected
 
@@ -56,7 +56,7 @@ class SelfContact(ReadOnlyArrays):
     def __repr__(self) -> str:
         return f"SelfContact(gap={self.gap!r}, friction={self.friction!r}, sel={self.sel!r})"
 
-    def vertices(self, mesh: TriangleMesh) -> NDArray[np.bool_]:
+    def vertices(self, mesh: TriangleMesh) -> Mask:
         """Mask (n,) of its vertices of a mesh; OptionError where it selects none."""
         if isinstance(self.sel, str) and self.sel == "all":
             return np.ones(len(mesh.vertices), dtype=bool)

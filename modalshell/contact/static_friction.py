@@ -15,13 +15,13 @@ import numpy as np
 import scipy.sparse as sps
 
 from modalshell.contact import kernels
-from modalshell.contact.active_set import ActiveSet, Mask, Rest
+from modalshell.contact.active_set import ActiveSet, Rest
 from modalshell.contact.descent import EASY, FAILURES, FALL, RISE, first_drag
 from modalshell.contact.rotated import Rotated
 from modalshell.contact.statics import rest_on_contacts
 from modalshell.contact.touching import EXACT_GAP, INSIDE, Touching
 from modalshell.core.errors import SolverError
-from modalshell.core.typing import Array, Index
+from modalshell.core.typing import Array, Index, Mask
 from modalshell.modes.rigid import left_free
 from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED
 from modalshell.statics import mixed_newton as method

@@ -8,7 +8,7 @@ from typing import final
 
 import numpy as np
 
-from modalshell.contact.active_set import ActiveSet, Mask, Rest
+from modalshell.contact.active_set import ActiveSet, Rest
 from modalshell.contact.contact import Contact
 from modalshell.contact.descent import descend
 from modalshell.contact.friction import Friction, better_forces, creep_note
@@ -18,7 +18,7 @@ from modalshell.contact.rebound import rebounded
 from modalshell.contact.touching import EXACT_GAP, Touching, touched_frame
 from modalshell.core.errors import OptionError
 from modalshell.core.touched import TouchedFrame
-from modalshell.core.typing import Array, Index
+from modalshell.core.typing import Array, Index, Mask
 from modalshell.core.units import at_most
 from modalshell.shell import Shell
 from modalshell.statics.mixed_newton import HIGHER, Rules

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalshell.contact.contact import Contact
 from modalshell.contact.gap_kernels import Packed, forms_of, packed
@@ -14,7 +13,7 @@ from modalshell.contact.self_contact import SelfContact
 from modalshell.core.checks import checked_kind, shown
 from modalshell.core.errors import OptionError
 from modalshell.core.touched import TouchedFrame
-from modalshell.core.typing import Array, Index
+from modalshell.core.typing import Array, Index, Mask
 from modalshell.shell import Shell
 from modalshell.supports import SupportPath, VertexUnknowns
 
@@ -318,7 +317,7 @@ class Touching:
         np.add.at(forces, self.vertices[rows], pushes[rows, None] * self.normals(x, rows))
         return forces
 
-    def dip(self, x: Array, active: NDArray[np.bool_]) -> float:
+    def dip(self, x: Array, active: Mask) -> float:
         """Depth [m] to which edges between touching vertices dip into convex colliders, ``l^2 / (8 r)``."""
         rows = np.flatnonzero(active)
         if not rows.size:
@@ -345,7 +344,7 @@ class Touching:
                 )
 
 
-def put_out(touching: Touching, x: Array, chosen: NDArray[np.bool_]) -> Array:
+def put_out(touching: Touching, x: Array, chosen: Mask) -> Array:
     """Positions (n, 3) [m] with what may move and lies inside put onto the colliders of ``chosen`` contacts (c,)."""
     x = x.copy()
     rows = np.flatnonzero((touching.distances(x) < 0.0) & chosen[touching.contact_of])
@@ -370,7 +369,7 @@ def touched_frame(touching: Touching, x: Array, pushes: Array, given: Array | No
     """What touches at positions x (n, 3), of forces (r,) [N] along the normals, or else ``given`` ones (n, 3) [N]."""
     bare = touching.with_bounds(None)
     forces = bare.forces(x, pushes) if given is None else given
-    touches: NDArray[np.bool_] = np.asarray(forces.any(axis=1))
+    touches: Mask = np.asarray(forces.any(axis=1))
     touches[bare.vertices[pushes > 0.0]] = True
     return TouchedFrame(forces, touches, max(0.0, -float(bare.distances(x).min(initial=0.0))))
 

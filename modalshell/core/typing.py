@@ -11,6 +11,9 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 """Array of whole numbers: vertices, faces, edges."""
 
+Mask = NDArray[np.bool_]
+"""Array of true and false, such as which vertices are held."""
+
 Vector = tuple[float, float, float]
 """Three numbers: a direction, a force, an acceleration."""
 

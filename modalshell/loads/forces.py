@@ -15,7 +15,7 @@ from modalshell.mesh import TriangleMesh
 from modalshell.mesh.selection import Selection, checked_selection, selected
 
 
-class _SelectedForce(Load, ReadOnlyArrays):
+class SelectedForce(Load, ReadOnlyArrays):
     """One vector for selected vertices."""
 
     def __init__(self, sel: Selection, force: Vector) -> None:
@@ -24,7 +24,7 @@ class _SelectedForce(Load, ReadOnlyArrays):
 
 
 @final
-class PointForce(_SelectedForce, key="point"):
+class PointForce(SelectedForce, key="point"):
     """A force at each selected vertex: k vertices bear k times as much in all.
 
     Parameters
@@ -46,7 +46,7 @@ class PointForce(_SelectedForce, key="point"):
 
 
 @final
-class LineForce(_SelectedForce, key="line"):
+class LineForce(SelectedForce, key="line"):
     """A force along the edges whose two ends are selected.
 
     Parameters

@@ -7,11 +7,10 @@ from copy import copy
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalshell.core.checks import checked_kind, checked_vectors, shown
 from modalshell.core.errors import LoadError
-from modalshell.core.typing import Array, Index
+from modalshell.core.typing import Array, Index, Mask
 from modalshell.loads.applied import AppliedLoad
 from modalshell.loads.base import Load
 from modalshell.mesh import TriangleMesh
@@ -35,9 +34,7 @@ class Loading:
         Whether every load has a potential on this shell.
     """
 
-    def __init__(
-        self, rest: Array, dead: Array, live: Sequence[AppliedLoad] = (), held: NDArray[np.bool_] | None = None
-    ) -> None:
+    def __init__(self, rest: Array, dead: Array, live: Sequence[AppliedLoad] = (), held: Mask | None = None) -> None:
         self.rest, self.dead, self.live = rest, dead, tuple(live)
         self.loads: tuple[Load, ...] = ()
         self._potential = [
@@ -53,7 +50,7 @@ class Loading:
         mesh: TriangleMesh,
         mass: Array,
         rest: Array,
-        held: NDArray[np.bool_],
+        held: Mask,
         dead: Array,
         loads: Sequence[Load],
     ) -> Loading:

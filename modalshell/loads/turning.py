@@ -6,12 +6,13 @@ from typing import final
 
 import numpy as np
 
-from modalshell.core.checks import checked_number, checked_vectors
+from modalshell.core.checks import checked_number
 from modalshell.core.errors import LoadError, OptionError
-from modalshell.core.thread_safety import ReadOnlyArrays, read_only_copy
-from modalshell.core.typing import Array, Index, Vector
+from modalshell.core.thread_safety import ReadOnlyArrays
+from modalshell.core.typing import Array, Index
 from modalshell.loads.applied import AppliedLoad, Corners, TurningForm, length
 from modalshell.loads.base import LiveLoad
+from modalshell.loads.forces import SelectedForce
 from modalshell.loads.surface import area_vectors
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.selection import Selection, checked_selection, selected
@@ -87,7 +88,7 @@ class EdgeMoment(LiveLoad, ReadOnlyArrays, key="moment"):
 
 
 @final
-class FollowerForce(LiveLoad, ReadOnlyArrays, key="follower"):
+class FollowerForce(LiveLoad, SelectedForce, key="follower"):
     """A force at each selected vertex that rotates with the triangles around it. It has no potential.
 
     Every triangle at the vertex carries a share by its area at rest, and turns it as the triangle itself turns: with
@@ -105,10 +106,6 @@ class FollowerForce(LiveLoad, ReadOnlyArrays, key="follower"):
     LoadError
         If ``force`` is not three finite numbers.
     """
-
-    def __init__(self, sel: Selection, force: Vector) -> None:
-        self.sel = checked_selection("sel", sel)
-        self.vector = read_only_copy(checked_vectors("force", force, (3,)))
 
     def applied(self, mesh: TriangleMesh, mass: Array) -> AppliedLoad:  # noqa: ARG002
         """The force in the frames of the triangles; OptionError where ``sel`` selects no vertex of ``mesh``."""

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sps
-from numpy.typing import NDArray
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from modalshell.mesh.topology import FloatArray, IntArray
+from modalshell.core.typing import Array, Index, Mask
 from modalshell.mesh.triangle_mesh import TriangleMesh
 
 _NEAR = 12
@@ -23,7 +22,7 @@ _AT_ONCE = 3_000_000
 """Coordinates of points and segments compared at a time."""
 
 
-def common_parts(fine: TriangleMesh, coarse: TriangleMesh) -> tuple[IntArray, IntArray] | None:
+def common_parts(fine: TriangleMesh, coarse: TriangleMesh) -> tuple[Index, Index] | None:
     """Labels of the vertices of two meshes of one surface, the same on the same part of it; None where it is in one.
 
     A connected part of the coarse mesh, whose vertices lie on the surface, is that of the fine one next to most of
@@ -40,8 +39,8 @@ def common_parts(fine: TriangleMesh, coarse: TriangleMesh) -> tuple[IntArray, In
 
 
 def closest_points(
-    mesh: TriangleMesh, points: FloatArray, among: tuple[IntArray, IntArray] | None = None
-) -> tuple[IntArray, FloatArray, FloatArray]:
+    mesh: TriangleMesh, points: Array, among: tuple[Index, Index] | None = None
+) -> tuple[Index, Array, Array]:
     """Triangle nearest each point (k,), barycentric shares there (k, 3), none negative, and the distance (k,) [m].
 
     ``among`` are labels of the mesh's vertices (n,) and of the points (k,): triangles are those of a point's own label.
@@ -50,8 +49,8 @@ def closest_points(
 
 
 def all_closest(
-    mesh: TriangleMesh, points: FloatArray, among: tuple[IntArray, IntArray] | None = None
-) -> tuple[IntArray, FloatArray, FloatArray, list[IntArray]]:
+    mesh: TriangleMesh, points: Array, among: tuple[Index, Index] | None = None
+) -> tuple[Index, Array, Array, list[Index]]:
     """What :func:`closest_points` gives, and all triangles on which the nearest point lies."""
     if among is None:
         return _closest_of(mesh, np.arange(len(mesh.faces)), points)
@@ -67,9 +66,7 @@ def all_closest(
     return nearest, shares, distance, on
 
 
-def _closest_of(
-    mesh: TriangleMesh, chosen: IntArray, points: FloatArray
-) -> tuple[IntArray, FloatArray, FloatArray, list[IntArray]]:
+def _closest_of(mesh: TriangleMesh, chosen: Index, points: Array) -> tuple[Index, Array, Array, list[Index]]:
     """What :func:`all_closest` gives, of the ``chosen`` triangles (t,) of a mesh."""
     corners = mesh.vertices[mesh.faces[chosen]]
     sheets = int(np.diff(mesh.joints.starts).max(initial=2))
@@ -86,7 +83,7 @@ def _closest_of(
     return chosen[near[rows, best]], shares[rows, best], least, on
 
 
-def torn_edges(fine: TriangleMesh, coarse: TriangleMesh, under: IntArray) -> IntArray:
+def torn_edges(fine: TriangleMesh, coarse: TriangleMesh, under: Index) -> Index:
     """Edges (k,) of a mesh whose ends are next to triangles ``under`` (n,) of far parts of a coarse mesh.
 
     They are those of layers so close that the chords of the coarse mesh reach from one to the next: the triangles have
@@ -113,12 +110,12 @@ def torn_edges(fine: TriangleMesh, coarse: TriangleMesh, under: IntArray) -> Int
     return apart[torn]
 
 
-def lowest(numbers: IntArray, chosen: NDArray[np.bool_]) -> IntArray:
+def lowest(numbers: Index, chosen: Mask) -> Index:
     """Place (p,) of the lowest of the chosen numbers (p, k)."""
     return np.where(chosen, numbers, np.iinfo(np.int64).max).argmin(axis=1)
 
 
-def _barycentric(corners: FloatArray, points: FloatArray) -> FloatArray:
+def _barycentric(corners: Array, points: Array) -> Array:
     """Shares (..., 3) of the point of each triangle (..., 3, 3) that is (nearly) nearest to its point (..., 3)."""
     first, second = corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]
     arm = points - corners[..., 0, :]
@@ -130,7 +127,7 @@ def _barycentric(corners: FloatArray, points: FloatArray) -> FloatArray:
     return whole / whole.sum(axis=-1, keepdims=True)
 
 
-def nearest_on_segments(ends: FloatArray, points: FloatArray) -> tuple[IntArray, FloatArray]:
+def nearest_on_segments(ends: Array, points: Array) -> tuple[Index, Array]:
     """Segment (k,) of those between ``ends`` (e, 2, 3) nearest to each of ``points`` (k, 3), and the point (k, 3)."""
     chosen, places = np.zeros(len(points), dtype=np.int64), np.empty(points.shape)
     arms, starts = ends[:, 1] - ends[:, 0], ends[:, 0]
@@ -143,7 +140,7 @@ def nearest_on_segments(ends: FloatArray, points: FloatArray) -> tuple[IntArray,
     return chosen, places
 
 
-def edges_along(mesh: TriangleMesh, ends: FloatArray) -> tuple[IntArray, IntArray]:
+def edges_along(mesh: TriangleMesh, ends: Array) -> tuple[Index, Index]:
     """Edges (k,) of a mesh that lie along curves of segments between ``ends`` (e, 2, 3), and the segment of each.
 
     Both ends of such an edge, its middle and its quarters are on the curves, by a share of its length.

@@ -17,6 +17,7 @@ import numpy as np
 from modalshell.core.checks import checked_choice, checked_folder, checked_kind, shown
 from modalshell.core.errors import FileFormatError, MeshError, ModalShellWarning, OptionError
 from modalshell.core.single_precision import lost_in_single_precision
+from modalshell.core.typing import Array, Index
 from modalshell.core.units import LENGTHS
 from modalshell.files.atomic_io import write_bytes
 from modalshell.files.outputs import SIGNATURE
@@ -28,7 +29,6 @@ from modalshell.mesh.parts import Component
 from modalshell.mesh.polygon_files import read_obj, read_off, read_ply, read_stl
 from modalshell.mesh.polygons import Polygons
 from modalshell.mesh.repair import RepairReport, repair
-from modalshell.mesh.topology import FloatArray, IntArray
 from modalshell.mesh.triangle_mesh import TriangleMesh
 from modalshell.mesh.unjoined import warn_of_unjoined
 from modalshell.mesh.usd_files import USD, read_usd, usd_up
@@ -322,7 +322,7 @@ def _trimesh_load(file: Path, data: bytes, suffix: str) -> Any:
         ) from error
 
 
-def _weld(file: Path, vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+def _weld(file: Path, vertices: Array, faces: Index) -> tuple[Array, Index]:
     welded, kept, dropped = weld_arrays(vertices, faces)
     if dropped:
         warnings.warn(
@@ -334,7 +334,7 @@ def _weld(file: Path, vertices: FloatArray, faces: IntArray) -> tuple[FloatArray
     return welded, kept
 
 
-def _without_unused(file: Path, vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+def _without_unused(file: Path, vertices: Array, faces: Index) -> tuple[Array, Index]:
     unused = validation.unused_vertices(faces, len(vertices))
     if len(unused):
         # Checked before vertices are renumbered, so that an error names the file's own indices.

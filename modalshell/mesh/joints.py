@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from modalshell.core.errors import SPLIT, MeshError
-from modalshell.mesh.topology import FloatArray, HalfEdges, IntArray
+from modalshell.core.typing import Array, Index
+from modalshell.mesh.topology import HalfEdges
 
 _COINCIDENT = 1e-6
 """Angle [rad] between two wings of a junction below which they are one and the same sheet."""
@@ -20,17 +21,17 @@ _COINCIDENT = 1e-6
 class Joints(NamedTuple):
     """Edges with any number of triangles, which are their wings."""
 
-    edges: IntArray
+    edges: Index
     """The edges, ascending; shape (J,)."""
-    starts: IntArray
+    starts: Index
     """First of each edge's wings in the list of them all; shape (J + 1,)."""
-    wings: IntArray
+    wings: Index
     """Half-edges ``3 * face + corner`` of the wings, edge by edge: the triangle runs along the edge from this corner to
     the next. The first wing of each edge is that to which its hinges refer: one of the two that lie flattest. Shape
     (W,)."""
 
     @property
-    def hinge_wings(self) -> tuple[IntArray, IntArray]:
+    def hinge_wings(self) -> tuple[Index, Index]:
         """Half-edges (K,) of each hinge: the first wing of its edge, and one of the others."""
         first = np.zeros(len(self.wings), dtype=np.bool_)
         first[self.starts[:-1]] = True
@@ -38,12 +39,12 @@ class Joints(NamedTuple):
         return np.repeat(self.wings[self.starts[:-1]], counts), self.wings[~first]
 
     @property
-    def hinge_edges(self) -> IntArray:
+    def hinge_edges(self) -> Index:
         """Edge of each hinge (K,)."""
         return np.repeat(self.edges, np.diff(self.starts) - 1)
 
 
-def joints_of(vertices: FloatArray, faces: IntArray, links: HalfEdges) -> Joints:
+def joints_of(vertices: Array, faces: Index, links: HalfEdges) -> Joints:
     """Joints of a triangle list; MeshError where two wings of a junction coincide."""
     half = links.face_edges.ravel()
     forward = np.bincount(half[links.forward.ravel()], minlength=len(links.edges))
@@ -59,7 +60,7 @@ def joints_of(vertices: FloatArray, faces: IntArray, links: HalfEdges) -> Joints
     return Joints(edges, starts, wings)
 
 
-def hinges_of_joints(faces: IntArray, joints: Joints) -> IntArray:
+def hinges_of_joints(faces: Index, joints: Joints) -> Index:
     """Hinges [x0, x1, x2, x3] (K, 4) between the first wing and each of the others.
 
     The face (x1, x0, x3) is that other wing in its own winding; x2 is the first wing's vertex, whose face may run
@@ -72,12 +73,12 @@ def hinges_of_joints(faces: IntArray, joints: Joints) -> IntArray:
     )
 
 
-def _turned(half: IntArray, steps: int) -> IntArray:
+def _turned(half: Index, steps: int) -> Index:
     """Half-edges of the same faces, ``steps`` corners on."""
     return 3 * (half // 3) + (half + steps) % 3
 
 
-def _flattest_first(vertices: FloatArray, faces: IntArray, wings: IntArray) -> IntArray:
+def _flattest_first(vertices: Array, faces: Index, wings: Index) -> Index:
     """Wings (J, k) of edges in order, but the two that lie flattest first; MeshError where two coincide."""
     corners = faces.ravel()
     start, end, apex = (vertices[corners[_turned(wings, steps)]] for steps in range(3))
@@ -98,7 +99,7 @@ def _flattest_first(vertices: FloatArray, faces: IntArray, wings: IntArray) -> I
     return np.take_along_axis(wings, np.argsort(rank, axis=1), axis=1)
 
 
-def _refuse_coincident(faces: IntArray, wings: IntArray, same: np.ndarray, first: IntArray, second: IntArray) -> None:
+def _refuse_coincident(faces: Index, wings: Index, same: np.ndarray, first: Index, second: Index) -> None:
     edge, pair = np.argwhere(same)[0]
     half = wings[edge, [first[pair], second[pair]]]
     ends = sorted(faces.ravel()[[half[0], _turned(half[:1], 1)[0]]].tolist())

@@ -8,8 +8,8 @@ import numpy as np
 
 from modalshell.core.checks import checked_choice, checked_number, shown
 from modalshell.core.errors import OptionError
+from modalshell.core.typing import Array, Index
 from modalshell.mesh.lloyd import delaunay_faces, signed_areas
-from modalshell.mesh.topology import FloatArray, IntArray
 from modalshell.mesh.triangle_mesh import TriangleMesh
 from modalshell.mesh.triangulate import FAMILIES, check_angle, check_cells, check_size, mirrored, shifted_column
 
@@ -75,7 +75,7 @@ def leaf(
     return TriangleMesh(np.column_stack((x, y, (bend + z) * np.cos(turn) - bend)), faces)
 
 
-def half_outline(s: FloatArray) -> FloatArray:
+def half_outline(s: Array) -> Array:
     """Half-width over its maximum at fractions `s` of the length, both shape (k,): stalk, then a blade to the tip."""
     b = STALK_WIDTH
     # (1 - u)(b + 4 a u) with a chosen so that its maximum over the blade is 1.
@@ -84,7 +84,7 @@ def half_outline(s: FloatArray) -> FloatArray:
     return (1.0 - u) * (b + 4.0 * a * u)
 
 
-def _half_blade(length: float, half_width: float, along: int, rows: int, family: str) -> tuple[FloatArray, IntArray]:
+def _half_blade(length: float, half_width: float, along: int, rows: int, family: str) -> tuple[Array, Index]:
     """Triangulate the half y >= 0 of the outline: points (n, 2) [m] and counter-clockwise faces (T, 3)."""
     s = np.linspace(0.0, 1.0, along + 1)
     outline = half_outline(s)
@@ -110,7 +110,7 @@ def _half_blade(length: float, half_width: float, along: int, rows: int, family:
 
 
 def _zip(
-    left: FloatArray, right: FloatArray, first: int, second: int, column: int, *, chessboard: bool
+    left: Array, right: Array, first: int, second: int, column: int, *, chessboard: bool
 ) -> list[tuple[int, int, int]]:
     """Triangulate the strip between two columns of ascending heights [m], whose vertices start at `first`, `second`."""
     faces = []
@@ -131,7 +131,7 @@ def _zip(
     return faces
 
 
-def _relaxed(points: FloatArray, faces: IntArray, margin: FloatArray, *, anywhere: bool) -> tuple[FloatArray, IntArray]:
+def _relaxed(points: Array, faces: Index, margin: Array, *, anywhere: bool) -> tuple[Array, Index]:
     """Move the interior points to the centroids of the triangles around them, 20 times, with Delaunay in between."""
     area = signed_areas(points, faces)
     edge = np.interp(points[:, 0], margin[:, 0], margin[:, 1])
@@ -159,8 +159,8 @@ def _relaxed(points: FloatArray, faces: IntArray, margin: FloatArray, *, anywher
     return moved, faces
 
 
-def _delaunay_inside(points: FloatArray, margin: FloatArray, area: FloatArray) -> IntArray:
+def _delaunay_inside(points: Array, margin: Array, area: Array) -> Index:
     faces = delaunay_faces(points, sliver=1e-9 * float(area.mean()))
     centre = points[faces].mean(axis=1)
-    inside: IntArray = faces[centre[:, 1] < np.interp(centre[:, 0], margin[:, 0], margin[:, 1])]
+    inside: Index = faces[centre[:, 1] < np.interp(centre[:, 0], margin[:, 0], margin[:, 1])]
     return inside

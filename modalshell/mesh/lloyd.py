@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import Delaunay, Voronoi
 
-from modalshell.mesh.topology import FloatArray, IntArray
+from modalshell.core.typing import Array, Index
 
 _ITERATIONS = 20
 
 
-def relax_in_rectangle(interior: FloatArray, fixed: FloatArray, length: float, width: float) -> FloatArray:
+def relax_in_rectangle(interior: Array, fixed: Array, length: float, width: float) -> Array:
     """Move `interior` points (p, 2) [m] to the centroids of their Voronoi cells within the rectangle.
 
     Interior points are mirrored across the four sides, which clips every cell exactly at the sides; `fixed` points
@@ -30,7 +30,7 @@ def relax_in_rectangle(interior: FloatArray, fixed: FloatArray, length: float, w
     return points
 
 
-def _cell_centroids(points: FloatArray, others: FloatArray) -> FloatArray:
+def _cell_centroids(points: Array, others: Array) -> Array:
     diagram = Voronoi(np.vstack((points, others)))
     ridges = np.asarray(diagram.ridge_vertices)
     finite = (ridges >= 0).all(axis=1)
@@ -50,7 +50,7 @@ def _cell_centroids(points: FloatArray, others: FloatArray) -> FloatArray:
     return moment / area[:, None]
 
 
-def delaunay_faces(points: FloatArray, sliver: float) -> IntArray:
+def delaunay_faces(points: Array, sliver: float) -> Index:
     """Delaunay triangles (T, 3) of points (n, 2), counter-clockwise, without those of area [m^2] up to `sliver`."""
     faces = Delaunay(points).simplices.astype(np.int64)
     area = signed_areas(points, faces)
@@ -58,7 +58,7 @@ def delaunay_faces(points: FloatArray, sliver: float) -> IntArray:
     return faces[np.lexsort(np.sort(faces, axis=1).T[::-1])]
 
 
-def signed_areas(points: FloatArray, faces: IntArray) -> FloatArray:
+def signed_areas(points: Array, faces: Index) -> Array:
     """Signed areas [m^2] of plane triangles, shape (T,), positive when counter-clockwise."""
     a, b, c = points[faces[:, 0]], points[faces[:, 1]], points[faces[:, 2]]
     u, v = b - a, c - a

@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from modalshell.core.checks import checked_count, checked_number
 from modalshell.core.errors import MeshError, SupportError
-from modalshell.mesh.topology import FloatArray, IntArray
+from modalshell.core.typing import Array, Index, Mask
 from modalshell.mesh.triangle_mesh import TriangleMesh
 from modalshell.mesh.welding import drop_unused
 
@@ -42,13 +41,13 @@ def chosen_part(mesh: TriangleMesh, component: Component | None = None, join: fl
     return TriangleMesh(*drop_unused(mesh.vertices, mesh.faces[labels[mesh.faces[:, 0]] == order[number]]))
 
 
-def refuse_loose_parts(mesh: TriangleMesh, held: NDArray[np.bool_]) -> None:
+def refuse_loose_parts(mesh: TriangleMesh, held: Mask) -> None:
     """SupportError if parts of a mesh in several are not held: they would only fall, and take the modes with them."""
     if fault := loose_parts_fault(mesh, held):
         raise SupportError(fault)
 
 
-def loose_parts_fault(mesh: TriangleMesh, held: NDArray[np.bool_], *, wanted: bool = False) -> str:
+def loose_parts_fault(mesh: TriangleMesh, held: Mask, *, wanted: bool = False) -> str:
     """Message on how many parts of a mesh have no support, and on remedies; "" if there are none.
 
     Where all parts are ``wanted``, that is no remedy any more.
@@ -68,7 +67,7 @@ def loose_parts_fault(mesh: TriangleMesh, held: NDArray[np.bool_], *, wanted: bo
     )
 
 
-def parts_by_area(mesh: TriangleMesh) -> IntArray:
+def parts_by_area(mesh: TriangleMesh) -> Index:
     """Labels of the parts, the largest first."""
     areas = np.bincount(mesh.components[mesh.faces[:, 0]], weights=mesh.face_areas)
     return np.argsort(-areas, kind="stable")
@@ -87,7 +86,7 @@ def _joining(mesh: TriangleMesh) -> str:
         return ""
 
 
-def _gaps(mesh: TriangleMesh, limit: float) -> FloatArray:
+def _gaps(mesh: TriangleMesh, limit: float) -> Array:
     """Distance from each part to the nearest vertex of another, infinite from ``limit`` on (or in a dense cluster)."""
     labels, vertices = mesh.components, mesh.vertices
     tree, open_ones = cKDTree(vertices), np.arange(len(vertices))

@@ -11,7 +11,7 @@ import numpy as np
 
 from modalshell.core.errors import MeshError
 from modalshell.core.short_repr import short_repr
-from modalshell.mesh.topology import FloatArray, IntArray
+from modalshell.core.typing import Array, Index
 
 _FLAT = 1e-6
 """Height of a triangle, as a share of its longest side, that counts as none."""
@@ -27,20 +27,20 @@ _SMALL = 1e-3
 class Polygons:
     """Vertices and polygons as a file or a user gives them."""
 
-    vertices: FloatArray
+    vertices: Array
     """Positions; shape (n, 3)."""
-    corners: IntArray
+    corners: Index
     """Corners of all polygons, one polygon after the other, counted from 0; all of them vertices of the file."""
-    sizes: IntArray
+    sizes: Index
     """Number of corners of each polygon, three or more."""
 
     @classmethod
-    def of_lists(cls, vertices: Sequence[Sequence[float]] | FloatArray, polygons: Sequence[Sequence[int]]) -> Polygons:
+    def of_lists(cls, vertices: Sequence[Sequence[float]] | Array, polygons: Sequence[Sequence[int]]) -> Polygons:
         """The same from lists of points and of polygons."""
         flat, sizes = list(chain.from_iterable(polygons)), [len(polygon) for polygon in polygons]
         return cls(np.array(vertices), np.array(flat, dtype=np.int64), np.array(sizes, dtype=np.int64))
 
-    def triangles(self) -> IntArray:
+    def triangles(self) -> Index:
         """Triangles (T, 3), in the order of the polygons.
 
         Each larger polygon becomes a fan about its first corner, or where that would fold over or have a triangle
@@ -69,7 +69,7 @@ class Polygons:
             triangles[owner == polygon] = corners[_clip_ears(self.vertices[corners], normals[polygon])]
         return triangles
 
-    def refuse_crossed(self, triangles: IntArray) -> None:
+    def refuse_crossed(self, triangles: Index) -> None:
         """MeshError for a polygon that crosses itself: some of its :meth:`triangles` lie back on the others."""
         if not (self.sizes > 3).any():
             return
@@ -92,7 +92,7 @@ class Polygons:
             )
 
 
-def _clip_ears(points: FloatArray, normal: FloatArray) -> IntArray:
+def _clip_ears(points: Array, normal: Array) -> Index:
     """Triangles (k - 2, 3) of a plane polygon (k, 3) seen along ``normal``; a fan of the rest if it has no ears."""
     drop = int(np.abs(normal).argmax())
     plane = np.delete(points, drop, axis=1) * ([1.0, 1.0] if (normal[drop] > 0) == (drop != 1) else [-1.0, 1.0])
@@ -108,7 +108,7 @@ def _clip_ears(points: FloatArray, normal: FloatArray) -> IntArray:
     return np.array(triangles, dtype=np.int64)
 
 
-def _is_ear(plane: FloatArray, at: int) -> bool:
+def _is_ear(plane: Array, at: int) -> bool:
     """Whether corner ``at`` of a counter-clockwise polygon (k, 2) sticks out and its triangle holds no other corner."""
     corners = plane[[at - 1, at, (at + 1) % len(plane)]]
     sides = corners[[1, 2, 0]] - corners

@@ -12,9 +12,10 @@ from numpy.typing import ArrayLike
 from modalshell.core.checks import as_array, checked_count, checked_kind, checked_number
 from modalshell.core.errors import MeshError, ModalShellWarning, OptionError
 from modalshell.core.memory import demand_memory
+from modalshell.core.typing import Array, Index
 from modalshell.mesh.closest import closest_points, edges_along
 from modalshell.mesh.repair import repair
-from modalshell.mesh.topology import FloatArray, IntArray, connected_parts, numbers_of_edges
+from modalshell.mesh.topology import connected_parts, numbers_of_edges
 from modalshell.mesh.triangle_mesh import TriangleMesh
 from modalshell.mesh.welding import drop_unused
 
@@ -98,7 +99,7 @@ def remesh(mesh: TriangleMesh, triangles: int, *, crease: float = 25.0, keep: Ar
     return made
 
 
-def _kept_edges(mesh: TriangleMesh, keep: ArrayLike | None) -> IntArray:
+def _kept_edges(mesh: TriangleMesh, keep: ArrayLike | None) -> Index:
     """Edges of two faces to keep (k,): others are kept as boundaries or junctions."""
     if keep is None:
         return np.empty(0, dtype=np.int64)
@@ -112,7 +113,7 @@ def _kept_edges(mesh: TriangleMesh, keep: ArrayLike | None) -> IntArray:
     return np.setdiff1d(edges[inner], mesh.junctions)
 
 
-def _of_length(mesh: TriangleMesh, length: float, crease: float, keep: IntArray) -> TriangleMesh:
+def _of_length(mesh: TriangleMesh, length: float, crease: float, keep: Index) -> TriangleMesh:
     """The surface in triangles whose edges are about ``length`` [m], with edges along those of ``keep`` (k,)."""
     import pymeshlab
 
@@ -136,7 +137,7 @@ def _of_length(mesh: TriangleMesh, length: float, crease: float, keep: IntArray)
     return made
 
 
-def refuse_losses(made: TriangleMesh, mesh: TriangleMesh, keep: IntArray, length: float) -> None:
+def refuse_losses(made: TriangleMesh, mesh: TriangleMesh, keep: Index, length: float) -> None:
     """MeshError where edges to keep, or junctions, are no longer edges of the new mesh, or no junctions."""
     for name, wanted, among in (("junctions", mesh.junctions, made.junctions), ("edges to keep", keep, None)):
         if not wanted.size:
@@ -151,7 +152,7 @@ def refuse_losses(made: TriangleMesh, mesh: TriangleMesh, keep: IntArray, length
             )
 
 
-def with_fins(mesh: TriangleMesh, edges: IntArray, height: float) -> tuple[FloatArray, IntArray]:
+def with_fins(mesh: TriangleMesh, edges: Index, height: float) -> tuple[Array, Index]:
     """Vertices and faces of ``mesh`` with a fin of ``height`` [m] along the normals on each of ``edges`` (k,)."""
     ends = mesh.edges[edges]
     feet, corners = np.unique(ends, return_inverse=True)
@@ -173,7 +174,7 @@ def with_fins(mesh: TriangleMesh, edges: IntArray, height: float) -> tuple[Float
     return np.vstack(levels), np.vstack(faces)
 
 
-def without_fins(made: TriangleMesh, mesh: TriangleMesh, finned: tuple[FloatArray, IntArray]) -> TriangleMesh:
+def without_fins(made: TriangleMesh, mesh: TriangleMesh, finned: tuple[Array, Index]) -> TriangleMesh:
     """The remeshed ``made`` without its sheets that lie on fins: those of ``finned`` beyond the faces of ``mesh``."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModalShellWarning)  # of the winding of fins

@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike
 
 from modalshell.core.checks import as_array, checked_switch, shown
 from modalshell.core.errors import MeshError, ModalShellWarning
+from modalshell.core.typing import Array, Index
 from modalshell.mesh import validation
 from modalshell.mesh.parts import Component, chosen_part
 from modalshell.mesh.polygons import Polygons
 from modalshell.mesh.sheets import cut_into_sheets, touching_apart
-from modalshell.mesh.topology import FloatArray, IntArray
 from modalshell.mesh.triangle_mesh import TriangleMesh
 from modalshell.mesh.welding import drop_unused, weld_arrays, without_flat_faces, without_needles
 
@@ -195,9 +195,7 @@ def repair(
     return mesh, RepairReport(**count, parts=parts, open_edges=int((mesh.edge_faces[:, 1] < 0).sum()))
 
 
-def _into_sheets(
-    points: FloatArray, triangles: IntArray, split: bool, count: dict[str, int]
-) -> tuple[FloatArray, IntArray]:
+def _into_sheets(points: Array, triangles: Index, split: bool, count: dict[str, int]) -> tuple[Array, Index]:
     """Vertices and triangles of sheets without flat, thin or repeated faces; what was done is added to ``count``."""
     # A thin triangle on an edge of three faces can be taken away once that edge is split.
     for _ in range(_PASSES):
@@ -261,7 +259,7 @@ def _usable(points: Any, polygons: Polygons) -> tuple[Polygons, int]:
     return kept, int((~whole).sum())
 
 
-def _with_area(points: Any, triangles: IntArray) -> tuple[IntArray, int, int]:
+def _with_area(points: Any, triangles: Index) -> tuple[Index, int, int]:
     """Triangles without those of no area and the thin ones; how many were flat, and how many thin."""
     flat = validation.degenerate(points, triangles)
     thin = validation.degenerate(points, triangles, THIN)
@@ -274,7 +272,7 @@ def _with_area(points: Any, triangles: IntArray) -> tuple[IntArray, int, int]:
     return kept, int(flat.sum()), int((thin & ~flat).sum())
 
 
-def _once_each(triangles: IntArray) -> tuple[IntArray, int]:
+def _once_each(triangles: Index) -> tuple[Index, int]:
     """The first of the triangles with the same three corners, in order; and how many copies there were."""
     _, first = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)
     return triangles[np.sort(first)], len(triangles) - len(first)

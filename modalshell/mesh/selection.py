@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from modalshell.core.checks import LARGEST, as_array, shortened, shown
 from modalshell.core.errors import ModalShellError, OptionError, SupportError
 from modalshell.core.thread_safety import read_only_copy
+from modalshell.core.typing import Mask
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.parts import parts_by_area
 from modalshell.mesh.topology import connected_parts
@@ -45,18 +46,18 @@ _LONGEST = 1000
 """Longest selection [characters]; Python's parser ends without a message on longer ones."""
 
 
-_ON_MESH: dict[str, tuple[int, Callable[..., NDArray[np.bool_]]]] = {
+_ON_MESH: dict[str, tuple[int, Callable[..., Mask]]] = {
     "boundary": (1, lambda mesh, number: _boundary_loop(mesh, number)),
     "component": (1, lambda mesh, number: _component(mesh, number)),
 }
 """Functions of a mesh that select vertices, and how many numbers they take."""
-_ON_POINTS: dict[str, tuple[int, Callable[..., NDArray[np.bool_]]]] = {
+_ON_POINTS: dict[str, tuple[int, Callable[..., Mask]]] = {
     "nearest": (3, lambda points, *at: np.arange(len(points)) == np.argmin(np.linalg.norm(points - at, axis=1))),
     "box": (6, lambda points, *box: ((points >= box[:3]) & (points <= box[3:])).all(axis=1)),
 }
 """Functions of points that select vertices, and how many numbers they take."""
 
-Selection = str | Sequence[int] | NDArray[np.bool_] | NDArray[np.int64]
+Selection = str | Sequence[int] | Mask | NDArray[np.int64]
 """Vertices by an expression, by indices, or by a mask."""
 
 
@@ -81,7 +82,7 @@ def checked_selection(name: str, selection: Selection) -> Selection:
     return read_only_copy(np.atleast_1d(entries))
 
 
-def selected(name: str, selection: Selection, surface: TriangleMesh | NDArray[np.float64]) -> NDArray[np.bool_]:
+def selected(name: str, selection: Selection, surface: TriangleMesh | NDArray[np.float64]) -> Mask:
     """Mask (n,) of the selected vertices of a mesh, or points (n, 3), at least one; else OptionError about ``name``."""
     vertices = np.asarray(surface.vertices if isinstance(surface, TriangleMesh) else surface)
     count = len(vertices)
@@ -116,7 +117,7 @@ def _entries(name: str, given: ArrayLike, count: int | str, error: type[ModalShe
     return entries
 
 
-def vertex_mask(name: str, vertices: ArrayLike, count: int, error: type[ModalShellError]) -> NDArray[np.bool_]:
+def vertex_mask(name: str, vertices: ArrayLike, count: int, error: type[ModalShellError]) -> Mask:
     """Mask (count,) from a mask or from indices, else ``error`` about ``name``."""
     entries = _entries(name, vertices, count, error)
     indices = entries.dtype != bool
@@ -132,7 +133,7 @@ def vertex_mask(name: str, vertices: ArrayLike, count: int, error: type[ModalShe
     return mask
 
 
-def held_vertices(clamped: ArrayLike | str | None, count: int, mesh: TriangleMesh | None = None) -> NDArray[np.bool_]:
+def held_vertices(clamped: ArrayLike | str | None, count: int, mesh: TriangleMesh | None = None) -> Mask:
     """Mask (count,) of held vertices from a mask, from indices, from an expression on ``mesh``, or from None.
 
     SupportError for a mask of another length, indices that are no integers or out of range, or a mask that holds every
@@ -155,7 +156,7 @@ def _fault(error: Exception) -> str:
     return str(error.msg if isinstance(error, SyntaxError) else error)
 
 
-def select_vertices(expression: str, surface: TriangleMesh | NDArray[np.float64]) -> NDArray[np.bool_]:
+def select_vertices(expression: str, surface: TriangleMesh | NDArray[np.float64]) -> Mask:
     """Mask (n,) of the vertices for which ``expression`` holds.
 
     OptionError if the text is not such an expression, naming the part that is not.
@@ -270,7 +271,7 @@ def _numbers(node: ast.Call, text: str, count: int) -> list[float]:
     return values
 
 
-def _boundary_loop(mesh: TriangleMesh, number: float) -> NDArray[np.bool_]:
+def _boundary_loop(mesh: TriangleMesh, number: float) -> Mask:
     """Vertices of one boundary loop; loops that meet in a vertex count as one."""
     rim = mesh.edges[mesh.edge_faces[:, 1] < 0]
     labels = connected_parts(rim, len(mesh.vertices))
@@ -280,7 +281,7 @@ def _boundary_loop(mesh: TriangleMesh, number: float) -> NDArray[np.bool_]:
     )
 
 
-def _component(mesh: TriangleMesh, number: float) -> NDArray[np.bool_]:
+def _component(mesh: TriangleMesh, number: float) -> Mask:
     """Vertices of one connected part."""
     return np.asarray(mesh.components == _numbered("component", parts_by_area(mesh), number))
 

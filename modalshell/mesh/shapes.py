@@ -8,8 +8,8 @@ import numpy as np
 
 from modalshell.core.checks import checked_choice, shown
 from modalshell.core.errors import OptionError
+from modalshell.core.typing import Array, Index
 from modalshell.mesh.leaf_shape import leaf
-from modalshell.mesh.topology import FloatArray, IntArray
 from modalshell.mesh.triangle_mesh import TriangleMesh
 from modalshell.mesh.triangulate import FAMILIES, check_angle, check_cells, check_size, mirrored, rectangle
 
@@ -137,7 +137,7 @@ def cylinder_panel(
     return TriangleMesh(np.column_stack((points[:, 0], r * np.sin(phi), r * np.cos(phi))), faces)
 
 
-def developed_halves(length: float, width: float, cells: Sequence[int], family: str) -> tuple[FloatArray, IntArray]:
+def developed_halves(length: float, width: float, cells: Sequence[int], family: str) -> tuple[Array, Index]:
     """Triangulate [0, length] x [-width/2, width/2] with the line y = 0 on edges: points (n, 2) [m], faces (T, 3)."""
     along, across = check_cells(cells)
     if across % 2:
@@ -204,7 +204,7 @@ def paper_bird(
     return TriangleMesh(np.column_stack((points[:, 0], np.copysign(y, points[:, 1]), z)), faces)
 
 
-def _along(fraction: FloatArray, part: FloatArray, length: float) -> FloatArray:
+def _along(fraction: Array, part: Array, length: float) -> Array:
     """Place x [m] at fractions of the chord, at fractions ``part`` of the wing."""
     trailing, leading = np.interp(part, _STATIONS, _TRAILING), np.interp(part, _STATIONS, _LEADING)
     return length * (trailing + fraction * (leading - trailing))

@@ -13,10 +13,11 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
-from modalshell.mesh.topology import BoolArray, FloatArray, HalfEdges, IntArray, connected_parts, half_edges
+from modalshell.core.typing import Array, Index, Mask
+from modalshell.mesh.topology import HalfEdges, connected_parts, half_edges
 
 
-def faces_to_flip(links: HalfEdges) -> BoolArray:
+def faces_to_flip(links: HalfEdges) -> Mask:
     """Faces (T,) bool to flip so that neighbours run along their common edge in opposite directions.
 
     Of the two answers per sheet the one with fewer flips is taken, or on a tie the one that keeps its first face. A
@@ -38,7 +39,7 @@ def faces_to_flip(links: HalfEdges) -> BoolArray:
     return flip
 
 
-def flips_and_tears(pairs: IntArray, opposed: BoolArray, count: int) -> tuple[BoolArray, BoolArray]:
+def flips_and_tears(pairs: Index, opposed: Mask, count: int) -> tuple[Mask, Mask]:
     """Which of ``count`` faces to flip so that paired ones are wound alike, and pairs (P,) that no flips satisfy.
 
     ``pairs`` (P, 2) are joined half-edges, numbered face by face, and ``opposed`` (P,) says which of them run the same
@@ -65,9 +66,9 @@ def flips_and_tears(pairs: IntArray, opposed: BoolArray, count: int) -> tuple[Bo
 class Sheets(NamedTuple):
     """Triangles cut apart."""
 
-    vertices: FloatArray
+    vertices: Array
     """The vertices as they were, followed by new ones; shape (n, 3)."""
-    faces: IntArray
+    faces: Index
     """The triangles, wound alike; shape (T, 3)."""
     split_edges: int
     """Edges that had three or more faces."""
@@ -79,7 +80,7 @@ class Sheets(NamedTuple):
     """Triangles that were flipped."""
 
 
-def touching_apart(vertices: FloatArray, faces: IntArray) -> Sheets:
+def touching_apart(vertices: Array, faces: Index) -> Sheets:
     """Split vertices at which sheets touch without a common edge, and wind the faces of every sheet alike.
 
     Edges of three and more faces stay, and so do one-sided surfaces.
@@ -94,7 +95,7 @@ def touching_apart(vertices: FloatArray, faces: IntArray) -> Sheets:
     return Sheets(apart, faces, 0, len(apart) - len(vertices), 0, int(flip.sum()))
 
 
-def cut_into_sheets(vertices: FloatArray, faces: IntArray) -> Sheets:
+def cut_into_sheets(vertices: Array, faces: Index) -> Sheets:
     """Split what is no surface, cut one-sided surfaces open, and wind the faces alike.
 
     The faces must have distinct corners, and no two the same three. Where more than two faces meet at an edge, those
@@ -120,7 +121,7 @@ def cut_into_sheets(vertices: FloatArray, faces: IntArray) -> Sheets:
     return Sheets(vertices, faces, split_edges, len(vertices) - count, int(torn.sum()), int(flip.sum()))
 
 
-def _paired_half_edges(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, bool]:
+def _paired_half_edges(vertices: Array, faces: Index) -> tuple[Index, bool]:
     """Pairs (P, 2) of half-edges, numbered as in ``faces.ravel()``, and whether some edge has more than two."""
     links = half_edges(faces, len(vertices))
     half = links.face_edges.ravel()
@@ -133,7 +134,7 @@ def _paired_half_edges(vertices: FloatArray, faces: IntArray) -> tuple[IntArray,
     return np.concatenate(pairs), bool(crowd.size)
 
 
-def _flattest_pairs(vertices: FloatArray, faces: IntArray, links: HalfEdges, group: IntArray) -> IntArray:
+def _flattest_pairs(vertices: Array, faces: Index, links: HalfEdges, group: Index) -> Index:
     """Pairs among the half-edges ``group`` of one edge: those wound alike first, the flattest of them first."""
     start, end = vertices[links.edges[links.face_edges.ravel()[group[0]]]]
     tangent = (end - start) / np.linalg.norm(end - start)
@@ -152,7 +153,7 @@ def _flattest_pairs(vertices: FloatArray, faces: IntArray, links: HalfEdges, gro
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
-def _fans_apart(vertices: FloatArray, faces: IntArray, pairs: IntArray) -> tuple[FloatArray, IntArray]:
+def _fans_apart(vertices: Array, faces: Index, pairs: Index) -> tuple[Array, Index]:
     """Give each fan of faces around a vertex, joined by ``pairs``, its own vertex; the first keeps the number."""
     corners = faces.ravel()
     following = np.arange(len(corners)) + np.tile([1, 1, -2], len(faces))
@@ -172,7 +173,7 @@ def _fans_apart(vertices: FloatArray, faces: IntArray, pairs: IntArray) -> tuple
     return np.vstack((vertices, vertices[owner[added]])), number[fan].reshape(-1, 3)
 
 
-def _bisect_repeated_edges(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray, bool]:
+def _bisect_repeated_edges(vertices: Array, faces: Index) -> tuple[Array, Index, bool]:
     """Give all but the first pair of faces at an edge with more than two a vertex of their own in its middle.
 
     Each call cuts a face at most once: repeat until no cut is left.
@@ -180,7 +181,7 @@ def _bisect_repeated_edges(vertices: FloatArray, faces: IntArray) -> tuple[Float
     links = half_edges(faces, len(vertices))
     half = links.face_edges.ravel()
     touched = np.zeros(len(faces), dtype=np.bool_)
-    points: list[FloatArray] = []
+    points: list[Array] = []
     halves: list[tuple[int, int, int]] = []
     for edge in np.flatnonzero(links.counts > 2):
         group = np.flatnonzero(half == edge)

@@ -9,28 +9,24 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from modalshell.core.typing import Array
-
-IntArray = NDArray[np.int64]
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from modalshell.core.typing import Array, Index, Mask
 
 
 @dataclass(frozen=True)
 class HalfEdges:
     """Half-edges of a triangle list, in the order face by face: (f0, f1), (f1, f2), (f2, f0)."""
 
-    edges: IntArray
+    edges: Index
     """Undirected edges, the smaller vertex first, in lexicographic order; shape (E, 2)."""
-    face_edges: IntArray
+    face_edges: Index
     """Index into `edges` of each face's three half-edges; shape (T, 3)."""
-    counts: IntArray
+    counts: Index
     """Number of faces at each edge; shape (E,)."""
-    forward: BoolArray
+    forward: Mask
     """Whether the face runs along the edge from its smaller to its larger vertex; shape (T, 3)."""
 
 
-def half_edges(faces: IntArray, vertex_count: int) -> HalfEdges:
+def half_edges(faces: Index, vertex_count: int) -> HalfEdges:
     """Pair the half-edges of `faces` (T, 3), whose indices lie in [0, vertex_count)."""
     start = faces.ravel()
     end = faces[:, [1, 2, 0]].ravel()
@@ -45,21 +41,21 @@ def half_edges(faces: IntArray, vertex_count: int) -> HalfEdges:
     )
 
 
-def numbers_of_edges(edges: IntArray, pairs: IntArray) -> IntArray:
-    """Number (k,) of the edge between each pair (k, 2) of vertices, among ``edges`` (E, 2) in order; -1 for none."""
+def numbers_of_edges(edges: Index, pairs: Index) -> Index:
+    """Number (...) of the edge between each pair (..., 2) of vertices, among ``edges`` (E, 2) in order; -1 for none."""
     count = 1 + max(int(edges.max()), int(pairs.max(initial=0)))
-    keys, wanted = edges @ [count, 1], np.sort(pairs, axis=1) @ [count, 1]
+    keys, wanted = edges @ [count, 1], np.sort(pairs, axis=-1) @ [count, 1]
     found = np.searchsorted(keys, wanted).clip(max=len(keys) - 1)
     return np.where(keys[found] == wanted, found, -1).astype(np.int64)
 
 
-def connected_parts(pairs: IntArray, count: int) -> IntArray:
+def connected_parts(pairs: Index, count: int) -> Index:
     """Number of the connected part of each of ``count`` things, shape (count,), of which pairs (P, 2) are joined."""
     graph = coo_array((np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
     return connected_components(graph, directed=False)[1].astype(np.int64)
 
 
-def faces_of_edges(links: HalfEdges) -> tuple[IntArray, IntArray]:
+def faces_of_edges(links: HalfEdges) -> tuple[Index, Index]:
     """Two faces of each edge and its first corner in either, shape (E, 2); edges with one or two consistent faces.
 
     Column 0 is the face that runs along the edge from the smaller to the larger vertex; on a boundary edge it is the
@@ -72,7 +68,7 @@ def faces_of_edges(links: HalfEdges) -> tuple[IntArray, IntArray]:
     return np.where(of_edges < 0, -1, of_edges // 3), np.where(of_edges < 0, -1, of_edges % 3)
 
 
-def hinges_of_edges(faces: IntArray, links: HalfEdges, edge_faces: IntArray) -> tuple[IntArray, IntArray]:
+def hinges_of_edges(faces: Index, links: HalfEdges, edge_faces: Index) -> tuple[Index, Index]:
     """Hinges (H, 4) and their edges (H,), ascending.
 
     A hinge is [x0, x1, x2, x3]: the edge x0 -> x1 with x0 < x1, the face (x0, x1, x2) on its left, the face

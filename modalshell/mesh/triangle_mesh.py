@@ -11,16 +11,10 @@ from modalshell.core.checks import checked_vectors
 from modalshell.core.drawn import Drawn
 from modalshell.core.errors import MeshError
 from modalshell.core.thread_safety import ReadOnlyArrays, read_only
+from modalshell.core.typing import Array, Index
 from modalshell.mesh import validation
 from modalshell.mesh.joints import Joints, hinges_of_joints, joints_of
-from modalshell.mesh.topology import (
-    FloatArray,
-    IntArray,
-    area_vectors,
-    connected_parts,
-    faces_of_edges,
-    hinges_of_edges,
-)
+from modalshell.mesh.topology import area_vectors, connected_parts, faces_of_edges, hinges_of_edges
 from modalshell.mesh.welding import drop_unused, weld_arrays, without_flat_faces
 
 _APART = 1e-3
@@ -61,7 +55,7 @@ class TriangleMesh(ReadOnlyArrays, Drawn):
         self._edge_faces, self._edge_corners = map(read_only, self._first_faces())
         validation.warn_of_seams(self._vertices, self.boundary_vertices)
 
-    def _first_faces(self) -> tuple[IntArray, IntArray]:
+    def _first_faces(self) -> tuple[Index, Index]:
         edge_faces, corners = faces_of_edges(self._links)
         edges, starts, wings = self._joints
         for side in (0, 1):
@@ -77,27 +71,27 @@ class TriangleMesh(ReadOnlyArrays, Drawn):
         return cls(*drop_unused(merged, without_flat_faces(merged, kept)))
 
     @property
-    def vertices(self) -> FloatArray:
+    def vertices(self) -> Array:
         """Vertex positions at rest [m], shape (n, 3), read-only."""
         return self._vertices
 
     @property
-    def faces(self) -> IntArray:
+    def faces(self) -> Index:
         """Vertex indices of the triangles, shape (T, 3), read-only."""
         return self._faces
 
     @cached_property
-    def edges(self) -> IntArray:
+    def edges(self) -> Index:
         """Edges, shape (E, 2), the smaller index first, in lexicographic order."""
         return read_only(self._links.edges)
 
     @cached_property
-    def face_edges(self) -> IntArray:
+    def face_edges(self) -> Index:
         """Index into `edges` of each face's (f0, f1), (f1, f2), (f2, f0), shape (T, 3)."""
         return read_only(self._links.face_edges)
 
     @property
-    def edge_faces(self) -> IntArray:
+    def edge_faces(self) -> Index:
         """Faces of each edge, shape (E, 2).
 
         Column 0 runs along the edge from its smaller to its larger vertex; a boundary edge has its one face there
@@ -111,22 +105,22 @@ class TriangleMesh(ReadOnlyArrays, Drawn):
         return self._joints
 
     @cached_property
-    def junctions(self) -> IntArray:
+    def junctions(self) -> Index:
         """Edges with three faces or more, ascending, shape (J,)."""
         return read_only(np.flatnonzero(self._links.counts > 2))
 
     @cached_property
-    def seams(self) -> IntArray:
+    def seams(self) -> Index:
         """Edges of one-sided sheets with two faces that run along them the same way, ascending."""
         return read_only(np.setdiff1d(self._joints.edges, self.junctions))
 
     @property
-    def edge_corners(self) -> IntArray:
+    def edge_corners(self) -> Index:
         """Corner of each of `edge_faces` where the edge begins in the face's winding, shape (E, 2); -1 for no face."""
         return self._edge_corners
 
     @cached_property
-    def _hinge_data(self) -> tuple[IntArray, IntArray]:
+    def _hinge_data(self) -> tuple[Index, Index]:
         hinges, edges = hinges_of_edges(self.faces, self._links, self.edge_faces)
         if self._joints.edges.size:
             odd = np.isin(edges, self._joints.edges)
@@ -137,7 +131,7 @@ class TriangleMesh(ReadOnlyArrays, Drawn):
         return read_only(hinges), read_only(edges)
 
     @property
-    def hinges(self) -> IntArray:
+    def hinges(self) -> Index:
         """Hinges [x0, x1, x2, x3] over the interior edges, shape (H, 4).
 
         The edge runs x0 -> x1 with x0 < x1; (x0, x1, x2) and (x1, x0, x3) are its faces in their winding, so the fold
@@ -147,12 +141,12 @@ class TriangleMesh(ReadOnlyArrays, Drawn):
         return self._hinge_data[0]
 
     @property
-    def hinge_edges(self) -> IntArray:
+    def hinge_edges(self) -> Index:
         """Index into `edges` of each hinge, shape (H,), ascending."""
         return self._hinge_data[1]
 
     @cached_property
-    def hinge_faces(self) -> IntArray:
+    def hinge_faces(self) -> Index:
         """Faces (x0, x1, x2) and (x1, x0, x3) of each hinge, shape (H, 2)."""
         faces = self.edge_faces[self.hinge_edges]
         if self._joints.edges.size:
@@ -161,22 +155,22 @@ class TriangleMesh(ReadOnlyArrays, Drawn):
         return read_only(faces)
 
     @cached_property
-    def edge_lengths(self) -> FloatArray:
+    def edge_lengths(self) -> Array:
         """Edge lengths at rest [m], shape (E,)."""
         first, second = self.edges.T
         return read_only(np.linalg.norm(self.vertices[second] - self.vertices[first], axis=1))
 
     @cached_property
-    def _twice_area_vectors(self) -> FloatArray:
+    def _twice_area_vectors(self) -> Array:
         return read_only(area_vectors(self.vertices, self.faces))
 
     @cached_property
-    def face_areas(self) -> FloatArray:
+    def face_areas(self) -> Array:
         """Triangle areas at rest [m^2], shape (T,)."""
         return read_only(0.5 * np.linalg.norm(self._twice_area_vectors, axis=1))
 
     @cached_property
-    def face_normals(self) -> FloatArray:
+    def face_normals(self) -> Array:
         """Unit normals at rest, shape (T, 3)."""
         return read_only(self._twice_area_vectors / (2.0 * self.face_areas)[:, None])
 
@@ -199,7 +193,7 @@ class TriangleMesh(ReadOnlyArrays, Drawn):
         return self.size * float(np.sqrt(np.linalg.eigvalsh(self._moments)[-1]))
 
     @cached_property
-    def _moments(self) -> FloatArray:
+    def _moments(self) -> Array:
         """Second moments (3, 3) of the area about its centre, over a twelfth of the area and the squared size."""
         shares = self.face_areas / self.area
         corners = self.vertices[self.faces]
@@ -209,7 +203,7 @@ class TriangleMesh(ReadOnlyArrays, Drawn):
         return read_only(np.tensordot(shares[:, None, None] * points, points, ((0, 1), (0, 1))))
 
     @cached_property
-    def axes(self) -> FloatArray:
+    def axes(self) -> Array:
         """Rows (3, 3) of axes that turn with the mesh: the last is its mean normal, or that of its first face.
 
         The second points from the first vertex to the next one that is not all but there, nor all but along the normal.
@@ -227,7 +221,7 @@ class TriangleMesh(ReadOnlyArrays, Drawn):
         return read_only(np.stack([np.cross(across, normal), across, normal]))
 
     @cached_property
-    def principal_axes(self) -> FloatArray:
+    def principal_axes(self) -> Array:
         """Rows (3, 3) of the axes of the area's second moments, the largest first, that turn with the mesh.
 
         Their signs are those of :attr:`axes`, so that they may be left-handed. Where two moments differ by less than
@@ -235,7 +229,7 @@ class TriangleMesh(ReadOnlyArrays, Drawn):
         """
         values, vectors = np.linalg.eigh(self._moments)
         apart = np.flatnonzero(np.diff(values) > _EQUAL * values[-1]) + 1
-        found: list[FloatArray] = []
+        found: list[Array] = []
         for space in np.split(vectors, apart, axis=1)[::-1]:
             left = space @ space.T
             for _ in range(space.shape[1]):
@@ -255,12 +249,12 @@ class TriangleMesh(ReadOnlyArrays, Drawn):
         return float(np.ptp((self.vertices - self.vertices[0]) @ self.principal_axes.T, axis=0).max())
 
     @cached_property
-    def boundary_vertices(self) -> IntArray:
+    def boundary_vertices(self) -> Index:
         """Vertices on the boundary, sorted, shape (b,)."""
         return read_only(np.unique(self.edges[self.edge_faces[:, 1] < 0]))
 
     @cached_property
-    def components(self) -> IntArray:
+    def components(self) -> Index:
         """Label of each vertex's connected component, shape (n,), counted from 0."""
         return read_only(connected_parts(self.edges, len(self.vertices)))
 

@@ -15,8 +15,8 @@ from scipy.spatial import QhullError
 from modalshell.core.checks import checked_choice, checked_count, checked_number, shown
 from modalshell.core.errors import ModalShellWarning, OptionError
 from modalshell.core.memory import demand_memory, gigabytes
+from modalshell.core.typing import Array, Index
 from modalshell.mesh.lloyd import delaunay_faces, relax_in_rectangle, signed_areas
-from modalshell.mesh.topology import FloatArray, IntArray
 
 FAMILIES = ("alternating", "equilateral", "union-jack", "lloyd", "delaunay", "right")
 _CELL_BYTES, _SHELL_BYTES, _SHELL_SECONDS = 700, 5_000, 2.2e-5
@@ -27,7 +27,7 @@ _MOST_CELLS = 20_000_000
 """Of a generated mesh; more do not fit the memory of a common machine."""
 
 
-def rectangle(length: float, width: float, cells: Sequence[int], family: str) -> tuple[FloatArray, IntArray]:
+def rectangle(length: float, width: float, cells: Sequence[int], family: str) -> tuple[Array, Index]:
     """Triangulate [0, length] x [0, width].
 
     Parameters
@@ -63,7 +63,7 @@ def rectangle(length: float, width: float, cells: Sequence[int], family: str) ->
     return _lattice(along, across, columns, rows, chessboard=family != "right")
 
 
-def mirrored(points: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+def mirrored(points: Array, faces: Index) -> tuple[Array, Index]:
     """Join a triangulation of y >= 0 with its mirror image at y = 0; vertices sorted by x, then y."""
     ridge = points[:, 1] == 0.0
     image = np.where(ridge, np.arange(len(points)), len(points) + np.cumsum(~ridge) - 1)
@@ -71,7 +71,7 @@ def mirrored(points: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]
     return sort_by_column(joined, np.vstack((faces, image[faces][:, [0, 2, 1]])))
 
 
-def sort_by_column(points: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+def sort_by_column(points: Array, faces: Index) -> tuple[Array, Index]:
     """Renumber the vertices by x, then y, which keeps a long strip's matrices banded."""
     order = np.lexsort((points[:, 1], points[:, 0]))
     return points[order], np.argsort(order)[faces].astype(np.int64)
@@ -110,7 +110,7 @@ def check_cells(cells: Sequence[int]) -> tuple[int, int]:
     return along, across
 
 
-def _lattice(length: float, width: float, columns: int, rows: int, *, chessboard: bool) -> tuple[FloatArray, IntArray]:
+def _lattice(length: float, width: float, columns: int, rows: int, *, chessboard: bool) -> tuple[Array, Index]:
     x, y = np.linspace(0.0, length, columns + 1), np.linspace(0.0, width, rows + 1)
     points = np.column_stack((np.repeat(x, rows + 1), np.tile(y, columns + 1)))
     i, j = (index.ravel() for index in np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij"))
@@ -122,12 +122,12 @@ def _lattice(length: float, width: float, columns: int, rows: int, *, chessboard
     return points, np.where(odd[:, None, None], falling, rising).reshape(-1, 3).astype(np.int64)
 
 
-def shifted_column(cells: int) -> FloatArray:
+def shifted_column(cells: int) -> Array:
     """Heights over [0, 1] of a column shifted by half a cell, with its two ends: shape (cells + 2,)."""
     return np.concatenate(([0.0], (np.arange(cells) + 0.5) / cells, [1.0]))
 
 
-def _equilateral(length: float, width: float, columns: int, rows: int) -> tuple[FloatArray, IntArray]:
+def _equilateral(length: float, width: float, columns: int, rows: int) -> tuple[Array, Index]:
     straight, shifted = np.linspace(0.0, 1.0, rows + 1), shifted_column(rows)
     x = np.linspace(0.0, length, columns + 1)
     heights = [straight if i % 2 == 0 else shifted for i in range(columns + 1)]
@@ -145,7 +145,7 @@ def _equilateral(length: float, width: float, columns: int, rows: int) -> tuple[
     return points, np.vstack(strips).astype(np.int64)
 
 
-def _lloyd(length: float, width: float, columns: int, rows: int, *, anywhere: bool) -> tuple[FloatArray, IntArray]:
+def _lloyd(length: float, width: float, columns: int, rows: int, *, anywhere: bool) -> tuple[Array, Index]:
     lattice, _ = _equilateral(length, width, columns, rows)
     inside = (lattice > 0.0).all(axis=1) & (lattice < (length, width)).all(axis=1)
     spacing = np.array((length / columns, width / rows))

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from modalshell.core.errors import ModalShellWarning
-from modalshell.mesh.topology import FloatArray, IntArray
+from modalshell.core.typing import Array, Index
 from modalshell.mesh.triangle_mesh import TriangleMesh
 
 TOUCHING = 1e-6
@@ -28,7 +28,7 @@ def warn_of_unjoined(mesh: TriangleMesh, name: str) -> None:
         )
 
 
-def unjoined(mesh: TriangleMesh) -> tuple[IntArray, IntArray]:
+def unjoined(mesh: TriangleMesh) -> tuple[Index, Index]:
     """Vertices (k,) that lie on a triangle without being or coinciding with one of its corners, and that triangle (k,).
 
     Vertices of free edges are looked at, and all vertices on free edges.
@@ -52,7 +52,7 @@ def unjoined(mesh: TriangleMesh) -> tuple[IntArray, IntArray]:
     return kept, face[on][first]
 
 
-def _distances(corners: FloatArray, points: FloatArray) -> FloatArray:
+def _distances(corners: Array, points: Array) -> Array:
     """Distance (k,) of each of some points (k, 3) from its triangle (k, 3, 3)."""
     sides, arms = np.roll(corners, -1, axis=1) - corners, points[:, None] - corners
     shares = (np.sum(arms * sides, axis=2) / np.sum(sides**2, axis=2)).clip(0.0, 1.0)
@@ -63,13 +63,13 @@ def _distances(corners: FloatArray, points: FloatArray) -> FloatArray:
     return np.where(above, np.minimum(heights, from_sides), from_sides)
 
 
-def _candidates(points: FloatArray, elements: FloatArray, near: float) -> tuple[IntArray, IntArray]:
+def _candidates(points: Array, elements: Array, near: float) -> tuple[Index, Index]:
     """Pairs of points (k, 3) and of elements (e, c, 3) in whose bounding spheres they lie."""
     centres = elements.mean(axis=1)
     radii = np.linalg.norm(elements - centres[:, None], axis=2).max(axis=1) + near
     tree = cKDTree(points)
     octave = np.floor(np.log2(np.maximum(radii, np.finfo(float).tiny))).astype(int)
-    found: list[tuple[IntArray, IntArray]] = []
+    found: list[tuple[Index, Index]] = []
     for level in np.unique(octave):  # one large triangle must not widen the search about all small ones
         own = np.flatnonzero(octave == level)
         close = cKDTree(centres[own], balanced_tree=False, compact_nodes=False).sparse_distance_matrix(

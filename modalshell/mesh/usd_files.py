@@ -12,8 +12,8 @@ import numpy as np
 
 from modalshell.core.checks import shortened
 from modalshell.core.errors import MeshError, ModalShellWarning
+from modalshell.core.typing import Array, Index
 from modalshell.mesh.polygons import Polygons
-from modalshell.mesh.topology import FloatArray, IntArray
 
 USD = (".usd", ".usda", ".usdc", ".usdz")
 """Suffixes of USD files."""
@@ -52,9 +52,9 @@ def _read(file: Path) -> Polygons:
         raise MeshError(f"the stage's metersPerUnit must be above 0 (got {metres:g}); author another")
     start = stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else 0.0
     places = UsdGeom.XformCache(Usd.TimeCode(start))
-    points: list[FloatArray] = []
-    corners: list[IntArray] = []
-    sizes: list[IntArray] = []
+    points: list[Array] = []
+    corners: list[Index] = []
+    sizes: list[Index] = []
     smooth, offset, skipped = 0, 0, 0
     for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
         if prim.IsA(UsdGeom.PointInstancer):
@@ -117,7 +117,7 @@ def _check_package(file: Path) -> None:
             raise ValueError("parts of a USD package must be stored without compression")
 
 
-def _arrays(mesh: Any, start: float, name: str) -> tuple[FloatArray, IntArray, IntArray]:
+def _arrays(mesh: Any, start: float, name: str) -> tuple[Array, Index, Index]:
     """Points (n, 3), corners and sizes of one mesh, without its holes; MeshError where they do not fit together."""
     attributes = (mesh.GetPointsAttr(), mesh.GetFaceVertexIndicesAttr(), mesh.GetFaceVertexCountsAttr())
     values = [attribute.Get(start) for attribute in attributes]
@@ -143,7 +143,7 @@ def _arrays(mesh: Any, start: float, name: str) -> tuple[FloatArray, IntArray, I
     return points, corners, counts
 
 
-def _reversed(corners: IntArray, counts: IntArray) -> IntArray:
+def _reversed(corners: Index, counts: Index) -> Index:
     """The corners of all polygons in the other sense, each from its first corner."""
     first = np.repeat(np.cumsum(counts) - counts, counts)
     step = np.arange(len(corners)) - first

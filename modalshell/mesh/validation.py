@@ -11,8 +11,9 @@ from scipy.spatial import cKDTree
 from modalshell.core.checks import as_array
 from modalshell.core.errors import REPAIR, MeshError, ModalShellWarning
 from modalshell.core.in_parts import fill_in_parts
+from modalshell.core.typing import Array, Index, Mask
 from modalshell.mesh.sheets import faces_to_flip
-from modalshell.mesh.topology import BoolArray, FloatArray, HalfEdges, IntArray, half_edges
+from modalshell.mesh.topology import HalfEdges, half_edges
 
 # Twice a triangle's area over its longest edge squared is about its height over its length: 1e-12 lets valid needles of
 # aspect 1e6 through and stops collinear corners whose height is rounding alone.
@@ -22,7 +23,7 @@ COINCIDENT = 1e-8  # of the bounding box's diagonal
 FARTHEST = 1e9  # distance from the origin, in lengths of the mesh
 
 
-def as_vertices(vertices: ArrayLike) -> FloatArray:
+def as_vertices(vertices: ArrayLike) -> Array:
     """Copy `vertices` to a finite (n, 3) float64 array, or raise MeshError."""
     array = as_array("vertices", vertices, "an array (n, 3) of real numbers [m]", MeshError)
     if array.size == 0:
@@ -58,7 +59,7 @@ def as_vertices(vertices: ArrayLike) -> FloatArray:
     return result
 
 
-def as_faces(faces: ArrayLike, vertex_count: int) -> IntArray:
+def as_faces(faces: ArrayLike, vertex_count: int) -> Index:
     """Copy `faces` to a (T, 3) int64 array with indices in [0, vertex_count), or raise MeshError."""
     array = as_array("faces", faces, "an array (T, 3) of vertex indices", MeshError)
     if array.size == 0:
@@ -86,7 +87,7 @@ def as_faces(faces: ArrayLike, vertex_count: int) -> IntArray:
     return np.array(array, dtype=np.int64, order="C")
 
 
-def check_faces(vertices: FloatArray, faces: IntArray) -> None:
+def check_faces(vertices: Array, faces: Index) -> None:
     """Reject faces that repeat a vertex, have no area or are duplicates."""
     repeats = (faces == faces[:, [1, 2, 0]]).any(axis=1)
     bad = np.flatnonzero(repeats | degenerate(vertices, faces))
@@ -109,7 +110,7 @@ def check_faces(vertices: FloatArray, faces: IntArray) -> None:
         )
 
 
-def paired_edges(faces: IntArray, vertex_count: int) -> tuple[IntArray, HalfEdges]:
+def paired_edges(faces: Index, vertex_count: int) -> tuple[Index, HalfEdges]:
     """Faces wound consistently wherever two meet at an edge, and their half-edges."""
     links = half_edges(faces, vertex_count)
     flip = faces_to_flip(links)
@@ -125,12 +126,12 @@ def paired_edges(faces: IntArray, vertex_count: int) -> tuple[IntArray, HalfEdge
     return faces, links
 
 
-def unused_vertices(faces: IntArray, vertex_count: int) -> IntArray:
+def unused_vertices(faces: Index, vertex_count: int) -> Index:
     """Return the indices of the vertices in no face, ascending."""
     return np.flatnonzero(np.bincount(faces.ravel(), minlength=vertex_count) == 0).astype(np.int64)
 
 
-def check_used(faces: IntArray, vertex_count: int) -> None:
+def check_used(faces: Index, vertex_count: int) -> None:
     """Reject vertices in no face: they would have no mass."""
     unused = unused_vertices(faces, vertex_count)
     if len(unused):
@@ -140,7 +141,7 @@ def check_used(faces: IntArray, vertex_count: int) -> None:
         )
 
 
-def warn_of_seams(vertices: FloatArray, boundary: IntArray) -> None:
+def warn_of_seams(vertices: Array, boundary: Index) -> None:
     """Warn of coincident but distinct boundary vertices, along which the shell would fall apart."""
     if len(boundary) < 2:
         return
@@ -160,14 +161,14 @@ def warn_of_seams(vertices: FloatArray, boundary: IntArray) -> None:
         )
 
 
-def degenerate(vertices: FloatArray, faces: IntArray, limit: float = DEGENERATE) -> BoolArray:
+def degenerate(vertices: Array, faces: Index, limit: float = DEGENERATE) -> Mask:
     """Which faces (T,) have a height of at most ``limit`` times their length; without it, those without area."""
     flat = np.empty(len(faces), dtype=np.bool_)
     fill_in_parts(flat, lambda own: _degenerate(vertices[own], limit), faces)
     return flat
 
 
-def _degenerate(corners: FloatArray, limit: float) -> BoolArray:
+def _degenerate(corners: Array, limit: float) -> Mask:
     sides = corners[:, [1, 2, 0]] - corners
     # Each triangle is brought to unit size first, so that no product under- or overflows.
     size = np.abs(sides).max(axis=(1, 2))
@@ -181,5 +182,5 @@ def _more(count: int, noun: str) -> str:
     return f" (the first of {count} such {noun})" if count > 1 else ""
 
 
-def _row(indices: IntArray) -> str:
+def _row(indices: Index) -> str:
     return f"({', '.join(str(i) for i in indices.tolist())})"

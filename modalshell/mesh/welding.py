@@ -11,16 +11,15 @@ from scipy.spatial import cKDTree
 
 from modalshell.core.checks import checked_number
 from modalshell.core.errors import MeshError
-from modalshell.mesh.topology import FloatArray, IntArray, connected_parts
+from modalshell.core.typing import Array, Index
+from modalshell.mesh.topology import connected_parts
 from modalshell.mesh.validation import COINCIDENT, DEGENERATE, degenerate
 
 _ROUNDS = 50
 """Number of passes that repair flat faces: each repairs all except neighbours of repaired ones."""
 
 
-def weld_arrays(
-    vertices: FloatArray, faces: IntArray, tolerance: float | None = None
-) -> tuple[FloatArray, IntArray, int]:
+def weld_arrays(vertices: Array, faces: Index, tolerance: float | None = None) -> tuple[Array, Index, int]:
     """Merge vertices (n, 3) closer than ``tolerance`` [m] into the first of each cluster; clusters merge transitively.
 
     The tolerance is 1e-8 of the bounding box's diagonal by default.
@@ -50,7 +49,7 @@ def weld_arrays(
     return kept_vertices, kept_faces, int((~good).sum())
 
 
-def _distinct(vertices: FloatArray) -> tuple[IntArray, IntArray]:
+def _distinct(vertices: Array) -> tuple[Index, Index]:
     """The first of each group of equal vertices, and the group of every vertex (n,)."""
     # Sorting one number for each is far faster than sorting rows.
     _, first, inverse = np.unique(_keys(vertices), return_index=True, return_inverse=True)
@@ -59,7 +58,7 @@ def _distinct(vertices: FloatArray) -> tuple[IntArray, IntArray]:
     return first, inverse.ravel()
 
 
-def _keys(vertices: FloatArray) -> NDArray[np.uint64]:
+def _keys(vertices: Array) -> NDArray[np.uint64]:
     """A number for each vertex (n,), the same for equal ones."""
     keys = np.zeros(len(vertices), dtype=np.uint64)
     for bits in (vertices + 0.0).view(np.uint64).T:  # of -0 those of 0
@@ -68,7 +67,7 @@ def _keys(vertices: FloatArray) -> NDArray[np.uint64]:
     return keys
 
 
-def without_flat_faces(vertices: FloatArray, faces: IntArray, limit: float = DEGENERATE) -> IntArray:
+def without_flat_faces(vertices: Array, faces: Index, limit: float = DEGENERATE) -> Index:
     """Faces (T, 3) without those that have no area, or no height above ``limit``, although their corners differ.
 
     A corner of such a face lies on its longest edge. The neighbour over that edge is split there, so that no crack
@@ -76,7 +75,7 @@ def without_flat_faces(vertices: FloatArray, faces: IntArray, limit: float = DEG
     """
     for _ in range(_ROUNDS):
         gone = np.zeros(len(faces), dtype=np.bool_)
-        halves: list[IntArray] = []
+        halves: list[Index] = []
         for face in np.flatnonzero(degenerate(vertices, faces, limit)):
             corners = faces[face]
             opposite = np.linalg.norm(vertices[np.roll(corners, -1)] - vertices[np.roll(corners, -2)], axis=1)
@@ -94,7 +93,7 @@ def without_flat_faces(vertices: FloatArray, faces: IntArray, limit: float = DEG
     return faces
 
 
-def without_needles(vertices: FloatArray, faces: IntArray, limit: float) -> IntArray:
+def without_needles(vertices: Array, faces: Index, limit: float) -> Index:
     """Faces (T, 3) without those of a height of at most ``limit`` times their length.
 
     The ends of their short edges become one vertex; where there is no short edge, the neighbour over the longest is
@@ -119,7 +118,7 @@ def without_needles(vertices: FloatArray, faces: IntArray, limit: float) -> IntA
     return faces
 
 
-def drop_unused(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+def drop_unused(vertices: Array, faces: Index) -> tuple[Array, Index]:
     """Drop vertices that are in no face and renumber; the order of the rest stays."""
     keep = np.bincount(faces.ravel(), minlength=len(vertices)) > 0
     return vertices[keep], (np.cumsum(keep) - 1)[faces]

@@ -62,9 +62,8 @@ def with_attachments(
     the modes.
     """
     data = shell.hessian(shell.rest_positions, GAUSS_NEWTON)
-    internal = shell.pattern.internal
     factor = Factoriser(backend, use="solve").definite(shell.pattern.free_matrix(data))
-    solve = condensed_factor(factor, 0 if internal is None else internal.count).solve
+    solve = condensed_factor(factor, shell.pattern.internal_count).solve
     answers = solve(np.asarray(shell.unknowns.restrict(forces)))
     found = orthonormal_extension(modes, answers, shell.unknowns.masses(shell.mass))
     new = np.asarray(shell.unknowns.prolong(found[:, modes.shape[1] :]))

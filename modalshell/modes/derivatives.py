@@ -134,7 +134,7 @@ def _outside(basis: VibrationModes, modes: Array, forces: Array, size: float) ->
     """Solutions (N, m) of ``(K - lambda_i M) y_i = -forces_i`` that are mass-orthogonal to the modes (N, m)."""
     shell = basis.shell
     mass = shell.unknowns.masses(shell.mass)
-    data = shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)[2]
+    data = shell.hessian(shell.rest_positions, GAUSS_NEWTON)
     rigid = rigid_motions(shell)
     solver = RigidFreeSolver(shell.pattern.free_matrix(data), rigid, mass)
     root = np.sqrt(mass)

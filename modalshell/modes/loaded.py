@@ -181,8 +181,8 @@ def general_pairs(shell: Shell, matrix: sps.csc_array, count: int) -> tuple[Arra
 
     OptionError where one is complex or not positive: such a state flutters or drifts away.
     """
-    internal, mass = shell.pattern.internal, shell.unknowns.masses(shell.mass)
-    factor = condensed_factor(general_factor(matrix, Factoriser()), 0 if internal is None else internal.count)
+    mass = shell.unknowns.masses(shell.mass)
+    factor = condensed_factor(general_factor(matrix, Factoriser()), shell.pattern.internal_count)
     root = np.sqrt(mass)
 
     def inverse(vector: Array) -> Array:

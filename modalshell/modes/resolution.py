@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from modalshell.mesh.topology import FloatArray
+from modalshell.core.typing import Array
 from modalshell.mesh.triangle_mesh import TriangleMesh
 
 FEWEST_EDGES = 4.0
 """Edges a half wave below which frequencies and buckling loads are more than some 3 % off."""
 
 
-def edges_per_half_wave(mesh: TriangleMesh, shape: FloatArray) -> float:
+def edges_per_half_wave(mesh: TriangleMesh, shape: Array) -> float:
     """Edges within a half wave of a shape (3n,), in the mean, counted across the waves; infinite for a translation.
 
     The length of a wave is that of a sine with the same ratio of gradient to size.
@@ -28,7 +28,7 @@ def edges_per_half_wave(mesh: TriangleMesh, shape: FloatArray) -> float:
     return float(np.pi * np.sqrt(size * steepness) / extent) if extent > 0.0 else np.inf
 
 
-def unresolved_remark(mesh: TriangleMesh, shapes: FloatArray, what: str, off: str, first: int = 1) -> str:
+def unresolved_remark(mesh: TriangleMesh, shapes: Array, what: str, off: str, first: int = 1) -> str:
     """A remark on shapes (3n, k) with few edges a half wave, numbered from ``first``; "" if there are none.
 
     ``what`` they are, in the singular, and what is ``off``.

@@ -33,7 +33,7 @@ def lowest_tangent_eigenvalue(
     negative where the state is unstable. ``of_load`` (3n, 3n) is the stiffness of a load that follows the shell,
     ``symmetric`` where that has a potential; see :func:`lowest_eigenvalue`.
     """
-    matrix = shell.pattern.free_matrix(shell.energy_gradient_hessian(positions, EXACT)[2])
+    matrix = shell.pattern.free_matrix(shell.hessian(positions, EXACT))
     if of_load is not None:
         matrix = with_further(shell, matrix, of_load)
     return lowest_eigenvalue(shell, matrix, Factoriser(), symmetric=symmetric)
@@ -80,7 +80,7 @@ class TangentStiffness:
     @classmethod
     def at(cls, shell: Shell, positions: Array, factoriser: Factoriser) -> TangentStiffness:
         """That of a shell under dead loads at ``positions`` (n, 3) [m]."""
-        data = shell.energy_gradient_hessian(positions, EXACT)[2]
+        data = shell.hessian(positions, EXACT)
         return cls(shell, shell.pattern.free_matrix(data), factoriser)
 
     @cached_property

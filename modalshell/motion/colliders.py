@@ -7,10 +7,9 @@ from functools import cached_property
 from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalshell.core.touched import TouchedFrame
-from modalshell.core.typing import Array
+from modalshell.core.typing import Array, Mask
 from modalshell.mesh import TriangleMesh
 
 _LOOKED_AT = 8
@@ -60,7 +59,7 @@ class ColliderAccount:
         self._before: tuple[float, Array] | None = None
 
     @cached_property
-    def _chosen(self) -> list[NDArray[np.bool_]]:
+    def _chosen(self) -> list[Mask]:
         """Vertices (n,) that may touch each collider."""
         return [one.vertices(self._mesh) for _, one in self.contacts]
 

@@ -16,7 +16,7 @@ from modalshell.core.drawn import Drawn
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.short_repr import short_repr
-from modalshell.core.typing import Array, Progress
+from modalshell.core.typing import Array, Mask, Progress
 from modalshell.core.units import SI, UnitSystem
 from modalshell.loads import Loading
 from modalshell.models import Equilibrium
@@ -117,7 +117,7 @@ class Trajectory(Drawn):
     crease_angles: Array = field(default_factory=lambda: np.empty((0, 0)))
     crease_heat: Array = field(default_factory=lambda: np.empty(0))
     contact_forces: Array = field(default_factory=lambda: np.empty((0, 0, 3)))
-    in_contact: NDArray[np.bool_] = field(default_factory=lambda: np.empty((0, 0), dtype=bool))
+    in_contact: Mask = field(default_factory=lambda: np.empty((0, 0), dtype=bool))
     deepest: Array = field(default_factory=lambda: np.empty(0))
     reactions: Array = field(default_factory=lambda: np.empty((0, 0, 3)))
     self_contact: Array = field(default_factory=lambda: np.empty(0))

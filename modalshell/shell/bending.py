@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.csgraph import dijkstra
 
 from modalshell.core.errors import MaterialError
-from modalshell.core.typing import Array
+from modalshell.core.typing import Array, Mask
 from modalshell.linalg.elements import assembled
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.orientation import in_plane_angles, orient
@@ -53,12 +53,12 @@ def hinge_weights(mesh: TriangleMesh) -> Array:
     return np.asarray(3.0 * mesh.edge_lengths[mesh.hinge_edges] ** 2 / areas)
 
 
-def clamp_line_hinges(mesh: TriangleMesh, clamped: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def clamp_line_hinges(mesh: TriangleMesh, clamped: Mask) -> Mask:
     """Hinges (H,) between one triangle that is wholly held and one that is not.
 
     Such a hinge stands for the free half of its cell only.
     """
-    held: NDArray[np.bool_] = np.asarray(clamped[mesh.faces].all(axis=1))
+    held: Mask = np.asarray(clamped[mesh.faces].all(axis=1))
     faces = mesh.hinge_faces
     return np.not_equal(held[faces[:, 0]], held[faces[:, 1]])
 

@@ -6,11 +6,10 @@ import warnings
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from modalshell.core.errors import REPAIR, ModalShellWarning
-from modalshell.core.typing import Array
+from modalshell.core.typing import Array, Mask
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.bending import BendingConstants
 from modalshell.shell.orientation import Orientation, orient
@@ -148,7 +147,7 @@ def _is_regular(mesh: TriangleMesh) -> bool:
     return bool((degrees[inner] == 6).sum() >= _REGULAR * inner.sum())
 
 
-def warn_of_two_way_bending(mesh: TriangleMesh, supported: NDArray[np.bool_]) -> None:
+def warn_of_two_way_bending(mesh: TriangleMesh, supported: Mask) -> None:
     """Warn where supports make a flat sheet bend in two directions: not only along one edge, or two opposite ones."""
     shape = orient(mesh, None)
     if not shape.flat or shape.elongated or not supported.any():
@@ -164,7 +163,7 @@ def warn_of_two_way_bending(mesh: TriangleMesh, supported: NDArray[np.bool_]) ->
         )
 
 
-def _bends_two_ways(places: Array, supported: NDArray[np.bool_]) -> bool:
+def _bends_two_ways(places: Array, supported: Mask) -> bool:
     """Whether supported points of a plane sheet (n, 2) span it, and are not those of two opposite edges."""
     held = places[supported]
     if np.linalg.matrix_rank(held - held.mean(axis=0), tol=1e-9 * float(np.ptp(places))) < 2:

@@ -7,9 +7,8 @@ from typing import NamedTuple, final
 
 import numpy as np
 import scipy.sparse as sps
-from numpy.typing import NDArray
 
-from modalshell.core.typing import Array, Index
+from modalshell.core.typing import Array, Index, Mask
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.fold_shares import FoldShares
 from modalshell.shell.isotropic import Isotropic
@@ -97,7 +96,7 @@ class ConstantSlopes:
         return slopes, moments.imag / IMAGINARY
 
     @property
-    def _free(self) -> NDArray[np.bool_]:
+    def _free(self) -> Mask:
         return np.asarray((self._folds.folds < 0) & (self._folds.share_index < 0))
 
     def _couples(self, slopes: Array, shares: FoldShares, delta: Array) -> Array:

@@ -22,13 +22,12 @@ from dataclasses import dataclass
 from typing import NamedTuple, Self, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalshell.core.checks import LARGEST, as_array, checked_kind, checked_number, shown
 from modalshell.core.errors import LoadError, MaterialError, OptionError
 from modalshell.core.short_repr import short_repr
 from modalshell.core.thread_safety import ReadOnlyArrays, read_only, read_only_copy
-from modalshell.core.typing import Array, Index
+from modalshell.core.typing import Array, Index, Mask
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.selection import Selection, checked_selection, mixes_masks, selected
 from modalshell.mesh.topology import numbers_of_edges
@@ -226,7 +225,7 @@ class CreaseSet(ReadOnlyArrays):
         still = np.maximum(np.abs(drive) - self.limits, 0.0)
         return np.where(slipped == 0.0, still, np.abs(drive - np.sign(slipped) * self.limits))
 
-    def flow(self, stiffness: Array, drive: Array, slipped: Array, chosen: NDArray[np.bool_]) -> _Slip:
+    def flow(self, stiffness: Array, drive: Array, slipped: Array, chosen: Mask) -> _Slip:
         """Further plastic folds of the ``chosen`` creases (C,), which meet the conditions if the rest stay as they are.
 
         Returns the change (C,) [rad], and whether it was found.

@@ -7,9 +7,8 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from modalshell.core.typing import Array, Index
+from modalshell.core.typing import Array, Index, Mask
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.extended import Extended
 from modalshell.shell.pattern import SparsePattern
@@ -128,7 +127,7 @@ class ElasticEnergy(ABC):
         """Change (n, 3) [N] of the gradient at ``x``, linearised, as the supports move on to those of ``after``."""
         return np.zeros_like(x)
 
-    def holding(self, held: NDArray[np.bool_]) -> ElasticEnergy:  # noqa: ARG002 (of those whose clamps are their own)
+    def holding(self, held: Mask) -> ElasticEnergy:  # noqa: ARG002 (of those whose clamps are their own)
         """The same energy where the vertices ``held`` (n,) are held."""
         return self
 

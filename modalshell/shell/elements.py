@@ -11,13 +11,12 @@ from typing import Any, ClassVar, final
 
 import numpy as np
 import scipy.sparse as sps
-from numpy.typing import NDArray
 
 from modalshell.core.cost import count_elements
 from modalshell.core.errors import OptionError, SupportError
 from modalshell.core.registry import Registry
 from modalshell.core.thread_safety import read_only, read_only_view
-from modalshell.core.typing import Array, Index
+from modalshell.core.typing import Array, Index, Mask
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.bending import clamp_line_hinges, hinge_weights
 from modalshell.shell.elastic_energy import GAUSS_NEWTON, ElasticEnergy, Part
@@ -99,9 +98,7 @@ ENERGIES: Registry[type[Energy]] = Registry("energy")
 """Every further energy by its key."""
 
 
-def element_sets(
-    mesh: TriangleMesh, material: Material, clamped: NDArray[np.bool_], slopes: HeldSlopes
-) -> list[ElementSet]:
+def element_sets(mesh: TriangleMesh, material: Material, clamped: Mask, slopes: HeldSlopes) -> list[ElementSet]:
     """Elements of a material's energies: stretch over triangles, shear over edges, flexure over hinges.
 
     Of edges in planes of symmetry half belongs to the mesh, and so does half of the hinge over such an edge.

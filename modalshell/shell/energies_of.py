@@ -6,11 +6,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalshell.core.checks import checked_kind, shortened, shown
 from modalshell.core.errors import ModalShellError, OptionError
-from modalshell.core.typing import Array
+from modalshell.core.typing import Array, Mask
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.elastic_energy import ElasticEnergy
 from modalshell.shell.elements import ElementSet, ElementSum, Energy, element_sets
@@ -35,7 +34,7 @@ def energy_of(
     material: Material | Sheet,
     slopes: HeldSlopes,
     energies: Sequence[Energy],
-    held: NDArray[np.bool_],
+    held: Mask,
 ) -> ElasticEnergy:
     """Elastic energy of a material on a mesh, with further ``energies``."""
     further = further_elements(energies, mesh)
@@ -99,7 +98,7 @@ def gradient_by_constant(
     mesh: TriangleMesh,
     material: Material | Sheet,
     slopes: HeldSlopes,
-    held: NDArray[np.bool_],
+    held: Mask,
     name: str,
     x: Array,
     step: Array | None = None,

@@ -7,12 +7,12 @@ from abc import ABC
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from modalshell.core.checks import checked_vectors
 from modalshell.core.errors import OptionError
 from modalshell.core.thread_safety import ReadOnlyArrays
-from modalshell.core.typing import Array, Index
+from modalshell.core.typing import Array, Index, Mask
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.creases import CreaseSet, CreaseState
 from modalshell.shell.elastic_energy import ElasticEnergy, nearest_measures
@@ -37,7 +37,7 @@ class EnergyAccess(ReadOnlyArrays, ABC):
     supports: tuple[Support, ...]
     material: Material | Sheet
     rest_positions: Array
-    clamped: NDArray[np.bool_]
+    clamped: Mask
     pattern: SparsePattern
     _energy: ElasticEnergy
     _slots: list[Index]

@@ -10,10 +10,9 @@ import numpy as np
 from modalshell.core.checks import shown
 from modalshell.core.errors import MaterialError
 from modalshell.core.short_repr import short_repr
-from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.elasticity import Elasticity
-from modalshell.shell.sheet import IMAGINARY, Direction, Field, Sheet, axes_on, checked_constant, evaluated
+from modalshell.shell.sheet import IMAGINARY, Direction, Field, Sheet, axes_on, checked_constant
 
 _Constants = tuple[Field, Field, Field] | tuple[Field, Field, Field, Field]
 _UNITS = {"stretch": "N/m", "bending": "N m"}
@@ -80,17 +79,6 @@ class Fabric(Sheet, kind="fabric"):
                         f"strain has no stiffness (got {shown(raw)})"
                     )
         self._check({"density": "kg/m^2", "direction": "deg"})
-
-    def on(self, mesh: TriangleMesh) -> Fabric:
-        """The same sheet, functions evaluated on the triangles of ``mesh``; MaterialError where fields misfit."""
-        values: dict[str, Any] = {name: evaluated(name, getattr(self, name), mesh) for name in ("density", "direction")}
-        for name in _UNITS:
-            values[name] = tuple(evaluated(f"{name}[{k}]", value, mesh) for k, value in enumerate(getattr(self, name)))
-        return Fabric(**values)
-
-    def area_density(self, mesh: TriangleMesh) -> Array:
-        """Mass per area of every triangle (T,) [kg/m^2]."""
-        return np.asarray(np.broadcast_to(np.asarray(self.on(mesh).density), (len(mesh.faces),)))
 
     def directed(self, mesh: TriangleMesh, slope: str | None = None) -> tuple[Elasticity, Elasticity]:
         """Elasticity of membrane and bending, or their ``slope`` by a constant, directions turning in its plane."""

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from modalshell.core.checks import checked_choice
 from modalshell.core.errors import LoadError, OptionError
 from modalshell.core.short_repr import short_repr
-from modalshell.core.typing import Array
+from modalshell.core.typing import Array, Mask
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.topology import area_vectors
 from modalshell.shell.isotropic import Isotropic
@@ -162,10 +162,9 @@ def vertex_means(scalars: Array, rest: Array, faces: NDArray[np.integer]) -> Arr
     return np.stack([np.bincount(corners, np.repeat(areas * one, 3), len(rest)) / around for one in scalars])
 
 
-def flat_triangles(mesh: TriangleMesh, x: Array) -> NDArray[np.bool_]:
+def flat_triangles(mesh: TriangleMesh, x: Array) -> Mask:
     """Triangles (T,) that have collapsed to a line or a point at positions x (n, 3)."""
-    sides = x[mesh.faces[:, 1:]] - x[mesh.faces[:, :1]]
-    return np.asarray((np.cross(sides[:, 0], sides[:, 1]) == 0.0).all(axis=1))
+    return np.asarray((area_vectors(x, mesh.faces) == 0.0).all(axis=1))
 
 
 def triangle_axes(mesh: TriangleMesh, x: Array) -> Array:

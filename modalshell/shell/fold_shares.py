@@ -35,23 +35,6 @@ def _factorised(stiffness: sps.csc_matrix) -> ColumnFactor:
     return factor
 
 
-def _stored_both_ways(matrix: sps.csr_array) -> sps.csr_array:
-    """A symmetric matrix with both entries of every pair, as factors want it; itself where it has them.
-
-    Products of sparse matrices leave out sums that cancel to nothing, which rounding does on one side alone.
-    """
-    turned = sps.csr_array(matrix.T)
-    if np.array_equal(turned.indptr, matrix.indptr) and np.array_equal(turned.indices, matrix.indices):
-        return matrix
-    there = sps.csr_array((np.ones(matrix.nnz), matrix.indices, matrix.indptr), shape=matrix.shape)
-    lonely = sps.coo_array(there.T - there)
-    missing = lonely.data > 0.0
-    own = sps.coo_array(matrix)
-    rows, columns = (np.append(a, b[missing]) for a, b in ((own.row, lonely.row), (own.col, lonely.col)))
-    data = np.append(own.data, np.zeros(np.count_nonzero(missing)))
-    return sps.csr_array(sps.coo_array((data, (rows, columns)), shape=matrix.shape))
-
-
 @final
 class Measures(NamedTuple):
     """Measures at some positions: changes of the fold angles, their slopes, and of half the squared edge lengths."""
@@ -74,8 +57,7 @@ class FoldShares:
     """
 
     def __init__(self, folds: SplitFolds, fields: Array | None = None) -> None:
-        self.by_fold, self.coupling, stiffness = folds.matrices()
-        self.stiffness = _stored_both_ways(stiffness)
+        self.by_fold, self.coupling, self.stiffness = folds.matrices()
         self.coupling_transposed = self.coupling.T  # of the same arrays
         self._factor = PerThread(functools.partial(_factorised, sps.csc_matrix(self.stiffness)))
         self._fields = fields

@@ -10,7 +10,7 @@ import scipy.sparse as sps
 from numpy.typing import NDArray
 
 from modalshell.core.thread_safety import read_only
-from modalshell.core.typing import Array
+from modalshell.core.typing import Array, Mask
 from modalshell.shell.kernels.patterns import free_values
 
 _SMALL = 200_000
@@ -40,9 +40,7 @@ class VertexPart:
         Pattern of the internal unknowns among themselves.
     """
 
-    def __init__(
-        self, blocks: sps.csr_array, free: NDArray[np.bool_], coupling: sps.csr_array, own: sps.csr_array
-    ) -> None:
+    def __init__(self, blocks: sps.csr_array, free: Mask, coupling: sps.csr_array, own: sps.csr_array) -> None:
         self._blocks, self._free, self._coupling, self._own = blocks, free, coupling, own
         places = np.arange(coupling.nnz, dtype=np.int32)
         meeting = sps.csc_array((places, coupling.indices, coupling.indptr), shape=coupling.shape[::-1]).tocsr()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from typing import Any, final
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from modalshell.core.errors import MaterialError
 from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
-from modalshell.shell.sheet import Field, Sheet, evaluated
+from modalshell.shell.sheet import Field, Sheet
 
 _UNITS = {"young": "Pa", "poisson": "", "thickness": "m", "density": "kg/m^3"}
 
@@ -52,26 +52,10 @@ class Isotropic(Sheet, kind="isotropic"):
         if not ((ratio > -1.0) & (ratio <= 0.5)).all():
             raise MaterialError(f"poisson must be above -1 and at most 0.5 (got {ratio.min():g} to {ratio.max():g})")
 
-    def on(self, mesh: TriangleMesh) -> Isotropic:
-        """The same material, functions evaluated on the triangles of ``mesh``; MaterialError where fields misfit."""
-        return Isotropic(*(evaluated(name, getattr(self, name), mesh) for name in _UNITS))
-
-    def area_density(self, mesh: TriangleMesh) -> Array:
-        """Mass per area of every triangle (T,) [kg/m^2]."""
-        _, _, thickness, density = self._arrays(mesh)
-        return np.asarray(density * thickness)
-
-    def thicknesses(self, mesh: TriangleMesh) -> Array:
-        """Thickness of every triangle (T,) [m]."""
-        return np.asarray(self._arrays(mesh)[2])
-
-    def _arrays(self, mesh: TriangleMesh) -> list[Array]:
-        sheet = self.on(mesh)
-        shape = (len(mesh.faces),)
-        return [np.broadcast_to(np.asarray(getattr(sheet, name)), shape) for name in _UNITS]
-
     def elasticity(self, mesh: TriangleMesh) -> tuple[Array, Array, Array]:
         """Membrane stiffness ``E h / (1 - nu^2)`` [N/m], bending stiffness D [N m] and nu of every triangle (T,)."""
-        young, poisson, thickness, _ = self._arrays(mesh)
+        sheet: Any = self.on(mesh)
+        given = sheet.young, sheet.poisson, sheet.thickness
+        young, poisson, thickness = (np.broadcast_to(value, (len(mesh.faces),)) for value in given)
         membrane = young * thickness / (1.0 - poisson**2)
         return membrane, membrane * thickness**2 / 12.0, poisson

@@ -198,10 +198,6 @@ class Laminate(Sheet, kind="laminate"):
         plies: list[Any] = [ply.on(mesh) for ply in self.plies]
         return np.full(len(mesh.faces), sum(ply.thickness * ply.material.constants["density"] for ply in plies))
 
-    def thicknesses(self, mesh: TriangleMesh) -> Array:
-        """Thickness of every triangle (T,) [m]."""
-        return np.full(len(mesh.faces), self.on(mesh).thickness)
-
     def directed(self, mesh: TriangleMesh, slope: str | None = None) -> tuple[Elasticity, Elasticity]:
         """Elasticity of membrane and bending, or their ``slope`` by the direction."""
         sheet = self.on(mesh)

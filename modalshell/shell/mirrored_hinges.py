@@ -13,6 +13,7 @@ import numpy as np
 
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
+from modalshell.mesh.topology import numbers_of_edges
 from modalshell.shell.kernels import split_folds as kernels
 from modalshell.shell.kernels.generated import flexure
 
@@ -41,8 +42,7 @@ class MirroredHinges:
 
     def edges(self, mesh: TriangleMesh) -> Index:
         """The hinges' edges, numbered as in the mesh."""
-        ends = np.sort(self._hinges[:, :2], axis=1) @ np.array([len(mesh.vertices), 1])
-        return np.searchsorted(mesh.edges @ np.array([len(mesh.vertices), 1]), ends)
+        return numbers_of_edges(mesh.edges, self._hinges[:, :2])
 
     def placed(self, points: Any) -> Any:
         """Points, or displacements, of vertices and ghosts with the mirror images where they belong."""

@@ -10,10 +10,9 @@ import numpy as np
 from modalshell.core.checks import shown
 from modalshell.core.errors import MaterialError
 from modalshell.core.short_repr import short_repr
-from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.elasticity import Elasticity, plane_elasticity
-from modalshell.shell.sheet import IMAGINARY, Direction, Field, Sheet, axes_on, checked_constant, evaluated
+from modalshell.shell.sheet import IMAGINARY, Direction, Field, Sheet, axes_on, checked_constant
 
 _UNITS = {"shear": "Pa", "poisson": "", "thickness": "m", "density": "kg/m^3", "direction": "deg"}
 
@@ -79,21 +78,6 @@ class Orthotropic(Sheet, kind="orthotropic"):
                 f"poisson is too large for these moduli: nu12^2 E2 / E1 must be below 1, else some strain has no "
                 f"stiffness (got up to {product.max():g}); nu12 belongs to axis 1, and nu21 = nu12 E2 / E1 to axis 2"
             )
-
-    def on(self, mesh: TriangleMesh) -> Orthotropic:
-        """The same sheet, functions evaluated on the triangles of ``mesh``; MaterialError where fields misfit."""
-        values = {name: evaluated(name, getattr(self, name), mesh) for name in _UNITS}
-        pair = (evaluated("young[0]", self.young[0], mesh), evaluated("young[1]", self.young[1], mesh))
-        return Orthotropic(young=pair, **values)
-
-    def area_density(self, mesh: TriangleMesh) -> Array:
-        """Mass per area of every triangle (T,) [kg/m^2]."""
-        sheet = self.on(mesh)
-        return np.asarray(np.broadcast_to(np.asarray(sheet.density) * np.asarray(sheet.thickness), (len(mesh.faces),)))
-
-    def thicknesses(self, mesh: TriangleMesh) -> Array:
-        """Thickness of every triangle (T,) [m]."""
-        return np.asarray(np.broadcast_to(np.asarray(self.on(mesh).thickness), (len(mesh.faces),)))
 
     def directed(self, mesh: TriangleMesh, slope: str | None = None) -> tuple[Elasticity, Elasticity]:
         """Elasticity of membrane and bending, or their ``slope`` by a constant, directions turning in its plane."""

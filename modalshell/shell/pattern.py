@@ -69,6 +69,11 @@ class SparsePattern:
         return 9 * int(self.blocks.nnz)
 
     @property
+    def internal_count(self) -> int:
+        """Number of internal unknowns."""
+        return 0 if self.internal is None else self.internal.count
+
+    @property
     def size(self) -> int:
         """Number of entries of a Hessian."""
         return self.block_size + (0 if self.internal is None else self.internal.entries)
@@ -112,7 +117,7 @@ class SparsePattern:
     def _internal_scale(self, data: Array) -> float:
         """The stiffness of the internal unknowns in ``data`` over their own; 0 if there is none."""
         inner = self.internal
-        if inner is None or inner.count == 0:
+        if inner is None or not inner.count:
             return 0.0
         return float(data[-inner.stiffness.nnz] / inner.stiffness.data[0])
 

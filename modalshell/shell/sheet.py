@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import copy
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from abc import ABC
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, replace
 from typing import Any, ClassVar, Self
 
@@ -55,13 +55,21 @@ class Sheet(ReadOnlyArrays, ABC):
         object.__setattr__(other, "source", source)
         return other
 
-    @abstractmethod
     def on(self, mesh: TriangleMesh) -> Self:
         """The same sheet, functions evaluated on the triangles of ``mesh``; MaterialError where fields misfit."""
+        values: dict[str, Any] = {}
+        for name, raw in self._given():
+            if isinstance(raw, tuple) and name != "direction":
+                values[name] = tuple(evaluated(f"{name}[{k}]", part, mesh) for k, part in enumerate(raw))
+            else:
+                values[name] = evaluated(name, raw, mesh)
+        return type(self)(**values)
 
-    @abstractmethod
     def area_density(self, mesh: TriangleMesh) -> Array:
-        """Mass per area of every triangle (T,) [kg/m^2]."""
+        """Mass per area of every triangle (T,) [kg/m^2]: the density, times the thickness where there is one."""
+        sheet: Any = self.on(mesh)
+        density, thickness = np.broadcast_to(sheet.density, (len(mesh.faces),)), sheet.thicknesses(mesh)
+        return np.asarray(density if thickness is None else density * thickness)
 
     def elasticity(self, mesh: TriangleMesh) -> tuple[Array, Array, Array]:
         """Membrane stiffness [N/m], bending stiffness [N m] and Poisson's ratio of every triangle (T,).
@@ -88,14 +96,19 @@ class Sheet(ReadOnlyArrays, ABC):
         bent = 6.0 * moment / depth**2
         return force / depth + bent, force / depth - bent
 
-    def thicknesses(self, mesh: TriangleMesh) -> Array | None:  # noqa: ARG002
+    def thicknesses(self, mesh: TriangleMesh) -> Array | None:
         """Thickness of every triangle (T,) [m]; None of a sheet known by its stiffnesses alone."""
-        return None
+        thickness = getattr(self.on(mesh), "thickness", None)
+        return None if thickness is None else np.asarray(np.broadcast_to(thickness, (len(mesh.faces),)))
 
     def plain(self, mesh: TriangleMesh) -> dict[str, Any]:
         """The constants on a mesh as numbers and lists, functions evaluated."""
-        sheet = self.on(mesh)
-        return {field.name: _listed(getattr(sheet, field.name)) for field in fields(sheet)}  # type: ignore[arg-type]
+        return {name: _listed(value) for name, value in self.on(mesh)._given()}
+
+    def _given(self) -> Iterator[tuple[str, Any]]:
+        """What the sheet is made of, by name."""
+        for field in fields(self):  # type: ignore[arg-type]
+            yield field.name, getattr(self, field.name)
 
     @classmethod
     def of_plain(cls, values: Mapping[str, Any]) -> Self:
@@ -106,7 +119,7 @@ class Sheet(ReadOnlyArrays, ABC):
     def constants(self) -> dict[str, float]:
         """The constants that are one number, by name; of tuples with their place, from 1, after an underscore."""
         found = {}
-        for name, value in ((field.name, getattr(self, field.name)) for field in fields(self)):  # type: ignore[arg-type]
+        for name, value in self._given():
             if isinstance(value, float):
                 found[name] = value
             elif isinstance(value, tuple) and name != "direction":

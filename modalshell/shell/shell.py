@@ -257,7 +257,7 @@ class Shell(EnergyAccess):
 
     def _with_energy(self, energy: ElasticEnergy) -> Shell:
         other = copy.copy(self)
-        other._energy = energy
+        other._energy, other._folds = energy, None
         return other
 
     def __repr__(self) -> str:
@@ -314,9 +314,8 @@ class Shell(EnergyAccess):
         refuse_collapse(mesh, "curvature", np.where(flat_triangles(mesh, x), np.nan, 0.0), x)
         if not isinstance(energy, RestFolds):
             if self._folds is None:
-                self._folds = SplitFoldEnergy(mesh, BARE_SHEET, self._slopes, [], self.clamped).anchored(
-                    self._clamped_on
-                )
+                bare = SplitFoldEnergy(mesh, BARE_SHEET, self._slopes, [], self.clamped).anchored(self._clamped_on)
+                self._folds = bare.shifted(self.mesh.vertices[0] - self.rest_positions[0])
             energy = self._folds
         density = self._energy.face_energies(mesh, x) / mesh.face_areas
         return ShellFields.of(mesh, self.material, x, energy.bending(x)[0], density, self.rest_shape)

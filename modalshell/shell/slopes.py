@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from modalshell.core.typing import Array, Index
+from modalshell.core.typing import Array, Index, Mask
 from modalshell.mesh import TriangleMesh
 from modalshell.supports import Support
 
@@ -19,7 +18,7 @@ from modalshell.supports import Support
 class HeldSlopes:
     """Where supports hold the slope of a surface."""
 
-    clamped: NDArray[np.bool_]
+    clamped: Mask
     """Vertices of clamps: edges between two of them are clamped. Shape (n,)."""
     mirrored: Index
     """Edges in planes of symmetry: those with triangles on one side alone, and junctions; shape (s,)."""
@@ -31,7 +30,7 @@ class HeldSlopes:
         return np.asarray(np.eye(3) - 2.0 * self.normals[:, :, None] * self.normals[:, None, :])
 
     @classmethod
-    def of(cls, clamped: NDArray[np.bool_]) -> HeldSlopes:
+    def of(cls, clamped: Mask) -> HeldSlopes:
         """Clamped vertices without planes of symmetry."""
         return cls(clamped, np.empty(0, dtype=np.int64), np.empty((0, 3)))
 
@@ -48,7 +47,7 @@ def held_slopes(supports: Sequence[Support], mesh: TriangleMesh) -> HeldSlopes:
             continue
         inside = support.vertices(mesh)
         # A triangle in the plane itself is its own mirror image, and folds about none of its edges.
-        outside: NDArray[np.bool_] = np.append(~inside[mesh.faces].all(axis=1), False)  # the last: no triangle
+        outside: Mask = np.append(~inside[mesh.faces].all(axis=1), False)  # the last: no triangle
         middles = mesh.vertices[mesh.faces].mean(axis=1) - mesh.vertices[np.argmax(inside)]
         sides = outside * np.append(middles @ normal, 0.0)
         rim = outside[mesh.edge_faces].any(axis=1) & (sides[mesh.edge_faces].prod(axis=1) >= 0.0)

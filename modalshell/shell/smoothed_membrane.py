@@ -28,12 +28,12 @@ from typing import Any, NamedTuple, final
 
 import numpy as np
 import scipy.sparse as sps
-from numpy.typing import NDArray
 
 from modalshell.core.in_parts import fill_in_parts
-from modalshell.core.typing import Array, Index
+from modalshell.core.typing import Array, Index, Mask
 from modalshell.linalg.elements import assembled
 from modalshell.mesh import TriangleMesh
+from modalshell.mesh.topology import numbers_of_edges
 from modalshell.shell.elasticity import Elasticity
 from modalshell.shell.kernels.split_folds import EDGES, quadratic_forms
 
@@ -125,9 +125,7 @@ class Strained(NamedTuple):
         return _summed_elasticity(elastic, self.areas, self.faces)
 
 
-def strained_elements(
-    mesh: TriangleMesh, clamped: NDArray[np.bool_], smooth: NDArray[np.bool_], mirrored: Index
-) -> list[Strained]:
+def strained_elements(mesh: TriangleMesh, clamped: Mask, smooth: Mask, mirrored: Index) -> list[Strained]:
     """Pairs of triangles over smooth edges, single triangles for their other edges, and those at planes of symmetry.
 
     ``clamped`` (n,) are held vertices, ``smooth`` (H,) hinges of the mesh that are folded little at rest, with about
@@ -168,7 +166,7 @@ def strained_elements(
         ends = mesh.edges[edges]
         triangles = np.column_stack([ends, mesh.faces[rim].sum(axis=1) - ends.sum(axis=1)])
         strain_of = functools.partial(_strain_of_triangles, mesh, sheared=False)
-        numbers = edge_numbers(mesh, triangles, PAIR[:3])
+        numbers = numbers_of_edges(mesh.edges, triangles[:, PAIR[:3]])
         found.append(Strained(triangles, PAIR[:3], numbers, strain_of, rim_areas, rim[:, None]))
     return found
 
@@ -299,11 +297,3 @@ def _matrices(e: Strained, elastic: Array) -> Array:
     matrices = np.empty((len(e.stencils), len(e.pairs), len(e.pairs)))
     fill_in_parts(matrices, products, e.stencils, e.areas, e.faces)
     return matrices
-
-
-def edge_numbers(mesh: TriangleMesh, stencils: Index, pairs: Index) -> Index:
-    """Numbers of the mesh's edges (elements, edges) between the stencils' vertices at ``pairs``."""
-    count = len(mesh.vertices)
-    ends = np.sort(stencils[:, pairs], axis=2)
-    keys = mesh.edges[:, 0] * count + mesh.edges[:, 1]
-    return np.ascontiguousarray(np.searchsorted(keys, ends[:, :, 0] * count + ends[:, :, 1]))

@@ -10,10 +10,9 @@ from typing import Any, cast, final
 
 import numpy as np
 import scipy.sparse as sps
-from numpy.typing import NDArray
 
 from modalshell.core.cost import count_elements
-from modalshell.core.typing import Array, Index
+from modalshell.core.typing import Array, Index, Mask
 from modalshell.mesh import TriangleMesh
 from modalshell.shell import smoothed_membrane as membrane
 from modalshell.shell.constant_forms import ConstantForms
@@ -62,7 +61,7 @@ class SplitFoldEnergy(RestFolds):
         material: Sheet,
         slopes: HeldSlopes,
         further: list[ElementSet],
-        held: NDArray[np.bool_],
+        held: Mask,
         *,
         halved: bool = False,
     ) -> None:
@@ -362,11 +361,11 @@ class SplitFoldEnergy(RestFolds):
         kernels.fold_rates(moved, self._folds.hinges, state.slopes, folds)
         return self._gradient(state, self._shares.couples(folds), np.zeros_like(state.stretches))
 
-    def holding(self, held: NDArray[np.bool_]) -> ElasticEnergy:
+    def holding(self, held: Mask) -> ElasticEnergy:
         """The same energy with the vertices ``held`` (n,) held, its clamped ones among them."""
         return self._again(held)
 
-    def _again(self, held: NDArray[np.bool_], halved: bool = False) -> SplitFoldEnergy:
+    def _again(self, held: Mask, halved: bool = False) -> SplitFoldEnergy:
         mesh, material, slopes, further = self._parts
         again: RestFolds = SplitFoldEnergy(mesh, material, slopes, further, held, halved=halved)
         again = again if self._anchor is None else again.anchored(self._anchor)

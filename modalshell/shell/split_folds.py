@@ -32,9 +32,8 @@ from typing import NamedTuple, final
 
 import numpy as np
 import scipy.sparse as sps
-from numpy.typing import NDArray
 
-from modalshell.core.typing import Array, Index
+from modalshell.core.typing import Array, Index, Mask
 from modalshell.linalg.elements import assembled
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.elasticity import Elasticity
@@ -160,11 +159,11 @@ class _Pairs(NamedTuple):
     corners: Index
     edges: Index
     kinds: Index
-    left: NDArray[np.bool_]
+    left: Mask
     neighbours: Index
     hinges: Index
-    joined: NDArray[np.bool_]
-    forward: NDArray[np.bool_]
+    joined: Mask
+    forward: Mask
     wings: Wings
 
 
@@ -173,7 +172,7 @@ def split_folds(
     rigidity: Array,
     poisson: Array,
     slopes: HeldSlopes,
-    held_vertices: NDArray[np.bool_],
+    held_vertices: Mask,
     scale: float,
     *,
     halved: bool = False,
@@ -265,13 +264,13 @@ def _bending_pairs(
     rigidity: Array,
     poisson: Array,
     slopes: HeldSlopes,
-    held_vertices: NDArray[np.bool_],
-    alike: NDArray[np.bool_],
+    held_vertices: Mask,
+    alike: Mask,
 ) -> _Pairs:
     """Pairs of the triangles that bend, over ``alike`` edges (E,) alone, and what their edges are."""
-    clamped: NDArray[np.bool_] = np.asarray(slopes.clamped[mesh.edges].all(axis=1))
+    clamped: Mask = np.asarray(slopes.clamped[mesh.edges].all(axis=1))
     loose = (mesh.edge_faces[:, 1] < 0) & ~clamped
-    held: NDArray[np.bool_] = held_vertices[mesh.faces].all(axis=1) & ~_at_pinned_corners(mesh, loose, held_vertices)
+    held: Mask = held_vertices[mesh.faces].all(axis=1) & ~_at_pinned_corners(mesh, loose, held_vertices)
     # Of the last side, which stands for none, nothing bends.
     meeting = np.append(~held, False)[mesh.edge_faces].all(axis=1) & ~clamped
     meeting[mesh.joints.edges] = meeting[slopes.mirrored] = False
@@ -315,7 +314,7 @@ def _corners(mesh: TriangleMesh, pairs: _Pairs) -> Index:
     return stencils
 
 
-def _numbered(edges: Index, chosen: NDArray[np.bool_]) -> tuple[Index, Index]:
+def _numbered(edges: Index, chosen: Mask) -> tuple[Index, Index]:
     """The edges among the ``chosen`` (B, 5), and which of them each is (B, 5); -1 of others."""
     numbers, own = np.full(edges.shape, -1), edges[chosen]
     there = np.zeros(1 + own.max(initial=-1), dtype=bool)
@@ -324,7 +323,7 @@ def _numbered(edges: Index, chosen: NDArray[np.bool_]) -> tuple[Index, Index]:
     return np.flatnonzero(there), numbers
 
 
-def _at_pinned_corners(mesh: TriangleMesh, edges: NDArray[np.bool_], held: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _at_pinned_corners(mesh: TriangleMesh, edges: Mask, held: Mask) -> Mask:
     """Triangles (T,) with two of the boundary ``edges`` (E,), whose vertices are ``held`` and run on as a held edge.
 
     These are flat, but there is twist: their moments are those of their neighbours. Held by itself a triangle clamps.
@@ -334,7 +333,7 @@ def _at_pinned_corners(mesh: TriangleMesh, edges: NDArray[np.bool_], held: NDArr
     return np.asarray((edges[mesh.face_edges].sum(axis=1) == 2) & within[mesh.faces].all(axis=1))
 
 
-def _takes_fold(pairs: _Pairs) -> NDArray[np.bool_]:
+def _takes_fold(pairs: _Pairs) -> Mask:
     """Whether each fold angle counts in this pair (B, 5), and not in its neighbour, whose is the share."""
     colours = np.full(len(pairs.faces), -1)
     colour_triangles(pairs.neighbours, colours)
@@ -342,7 +341,7 @@ def _takes_fold(pairs: _Pairs) -> NDArray[np.bool_]:
     return np.where(pairs.joined, pairs.hinges >= 0, np.where(own == other, pairs.left, own > other))
 
 
-def _share_factors(share_index: Index, gains: NDArray[np.bool_], moments: Array, scale: float) -> Array:
+def _share_factors(share_index: Index, gains: Mask, moments: Array, scale: float) -> Array:
     """Factors (B, 5) of the shares in gamma, positive where a pair ``gains`` by them, that scale their stiffness."""
     split = share_index >= 0
     diagonal = np.bincount(share_index[split], np.einsum("tkk->tk", moments)[split])

@@ -23,10 +23,9 @@ import functools
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalshell.core.in_parts import fill_in_parts
-from modalshell.core.typing import Array, Index
+from modalshell.core.typing import Array, Index, Mask
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.elasticity import Elasticity
 from modalshell.shell.kernels.split_folds import match_triangles, quadratic_forms
@@ -47,7 +46,7 @@ _SLENDER = 0.05
 
 
 def paired_triangles(
-    mesh: TriangleMesh, rigidity: Array, poisson: Array, bends: NDArray[np.bool_], inner: NDArray[np.bool_]
+    mesh: TriangleMesh, rigidity: Array, poisson: Array, bends: Mask, inner: Mask
 ) -> tuple[Index, Index]:
     """Triangles that ``bends`` (T,) by pairs over the edges ``inner`` (E,); the rest stay single.
 
@@ -89,9 +88,7 @@ def paired_triangles(
     return faces.astype(np.int64), corners.astype(np.int64)
 
 
-def alike_edges(
-    mesh: TriangleMesh, stiffness: Array, poisson: Array, directed: Elasticity | None = None
-) -> NDArray[np.bool_]:
+def alike_edges(mesh: TriangleMesh, stiffness: Array, poisson: Array, directed: Elasticity | None = None) -> Mask:
     """Whether the sheet is about the same in both triangles of each edge (E,), by constants of every triangle (T,).
 
     Of a sheet that is not the same in all directions the ``directed`` elasticity is compared, too.
@@ -128,7 +125,7 @@ def fold_moments(
     corners: Index,
     rigidity: Any,
     poisson: Any,
-    free: NDArray[np.bool_],
+    free: Mask,
     bending: Elasticity | None = None,
 ) -> Any:
     """Stiffness (P, 5, 5) [N m] by their folds, ``free`` ones (P, 5) condensed out, of pairs and single triangles.
@@ -188,7 +185,7 @@ def _single_directed(mesh: TriangleMesh, faces: Index, bending: Elasticity) -> A
     return rows @ elastic @ np.swapaxes(rows, 1, 2) / mesh.face_areas[faces, None, None]
 
 
-def _condensed(moments: Any, free: NDArray[np.bool_]) -> Any:
+def _condensed(moments: Any, free: Mask) -> Any:
     """Stiffness (B, 3, 3) with the ``free`` edges' folds (B, 3) condensed out."""
     for k in range(3):
         condensed = moments - moments[:, :, k, None] * moments[:, k, None, :] / moments[:, k, k, None, None]
@@ -198,7 +195,7 @@ def _condensed(moments: Any, free: NDArray[np.bool_]) -> Any:
 
 
 def _joined(
-    constants: tuple[TriangleMesh, Any, Any, Elasticity | None], faces: Index, corners: Index, free: NDArray[np.bool_]
+    constants: tuple[TriangleMesh, Any, Any, Elasticity | None], faces: Index, corners: Index, free: Mask
 ) -> Any:
     """Stiffness (P, 5, 5) of pairs, of the mesh, rigidity and Poisson's ratio (T,); see :func:`fold_moments`."""
     mesh, rigidity, poisson, bending = constants

@@ -6,10 +6,9 @@ import functools
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalshell.core.in_parts import fill_in_parts
-from modalshell.core.typing import Array, Index
+from modalshell.core.typing import Array, Index, Mask
 from modalshell.linalg.elements import assembled
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.topology import connected_parts
@@ -22,9 +21,7 @@ _LEAST = 0.25
 """Least mass of a vertex, over a third of that of its triangles."""
 
 
-def masses_of(
-    mesh: TriangleMesh, material: Material | Sheet, held: NDArray[np.bool_], supports: Sequence[Support]
-) -> Array:
+def masses_of(mesh: TriangleMesh, material: Material | Sheet, held: Mask, supports: Sequence[Support]) -> Array:
     """Masses (n,) [kg] of a shell's vertices: thirds of the triangles' on hinges, else :func:`vertex_masses`."""
     density = material.area_density(mesh)
     if isinstance(material, Material):
@@ -32,9 +29,7 @@ def masses_of(
     return vertex_masses(mesh, density, held, supports)
 
 
-def vertex_masses(
-    mesh: TriangleMesh, density: Array, held: NDArray[np.bool_], supports: Sequence[Support] = ()
-) -> Array:
+def vertex_masses(mesh: TriangleMesh, density: Array, held: Mask, supports: Sequence[Support] = ()) -> Array:
     """Masses (n,) [kg] of the vertices, for a mass per area (T,) [kg/m^2].
 
     A third of each triangle's mass at each corner integrates linear functions. Its errors for curved ones cancel

@@ -19,9 +19,8 @@ from itertools import pairwise
 from typing import Any, NamedTuple, final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from modalshell.core.typing import Array, Index
+from modalshell.core.typing import Array, Index, Mask
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.slopes import HeldSlopes
 
@@ -39,17 +38,17 @@ class Wings(NamedTuple):
     of_corners: Index
     """Hinge that belongs to the edge from each corner to the next; -1 at the boundary and of the first wing of a joint.
     Shape (T, 3)."""
-    joined: NDArray[np.bool_]
+    joined: Mask
     """Whether that edge is a joint; shape (T, 3)."""
-    held: NDArray[np.bool_]
+    held: Mask
     """Whether a wing of that joint is held; shape (T, 3)."""
-    forward: NDArray[np.bool_]
+    forward: Mask
     """Whether the triangle runs along that joint from its smaller to its larger vertex; shape (T, 3)."""
-    flat: NDArray[np.bool_]
+    flat: Mask
     """Whether the triangle lies in the plane of symmetry that holds that edge; shape (T, 3)."""
 
 
-def wings_of(mesh: TriangleMesh, held: NDArray[np.bool_], slopes: HeldSlopes) -> Wings:
+def wings_of(mesh: TriangleMesh, held: Mask, slopes: HeldSlopes) -> Wings:
     """Wings of a mesh with ``held`` triangles (T,)."""
     number = np.full(len(mesh.edges), -1)
     number[mesh.hinge_edges] = np.arange(len(mesh.hinges))
@@ -88,7 +87,7 @@ def wings_of(mesh: TriangleMesh, held: NDArray[np.bool_], slopes: HeldSlopes) ->
     return Wings(hinges, np.array(rest, dtype=np.int64).reshape(-1, 2), np.array(signs).reshape(-1, 2), *shaped)
 
 
-def _in_plane(mesh: TriangleMesh, slopes: HeldSlopes) -> NDArray[np.bool_]:
+def _in_plane(mesh: TriangleMesh, slopes: HeldSlopes) -> Mask:
     """Which triangles lie in the planes of symmetry that hold their edges (T, 3), from each corner to the next."""
     flat = np.zeros(mesh.faces.shape, dtype=bool)
     plane = np.full(len(mesh.edges), -1)

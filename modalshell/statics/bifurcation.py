@@ -193,7 +193,7 @@ def switched(tracer: Tracer[Matrix], point: PathPoint, side: float) -> PathPoint
         mode = critical_mode(tracer, point)[1]
     except SolverError:
         return None
-    mode *= side / float(np.sqrt(problem.weights @ mode**2))
+    mode *= side / problem.length(mode)
     normal = problem.weights * mode
     for share in _ASIDE:
         guess, stresses, cut = problem.moved(point.x, _FAR * mode, share * problem.load_step)

@@ -146,7 +146,7 @@ class _Walk:
             return found
         stiffness = problem.linearise(problem.origin, GAUSS_NEWTON)[1]
         tangent = problem.factor(stiffness).solve(problem.push)
-        length = self._length(tangent)
+        length = problem.length(tangent)
         return _Point(problem.origin, 0.0, 1.0, tangent / length, 1.0 / length, 0.0) if length > 0.0 else None
 
     def _start(self, x: Array) -> _Point | None:
@@ -179,7 +179,7 @@ class _Walk:
         except SolverError:
             found = None
         if found is not None:
-            found = found._replace(along=last.along + self._length(problem.difference(found.x, last.x)))
+            found = found._replace(along=last.along + problem.length(problem.difference(found.x, last.x)))
         return found, length
 
     def _found(self, x: Array, factor: float, plane: Plane, stresses: list[Array] | None) -> _Point | None:
@@ -193,7 +193,7 @@ class _Walk:
             factored = bordered.factor(hessian)
             step = factored.solve(-gradient)
             point, stresses, _ = bordered.moved(point, step)
-            size = self._length(step[:-1])
+            size = problem.length(step[:-1])
             if not np.isfinite(point).all() or (count > 1 and size > _SLOW * before):
                 return None
             if count > 0 and size <= _HOME * plane.length:
@@ -202,18 +202,15 @@ class _Walk:
         else:
             return None
         x, factor = bordered.parts(point)
-        if plane.slope == 0.0 and self._length(problem.difference(x, plane.x)) > _OFF * plane.length:
+        if plane.slope == 0.0 and problem.length(problem.difference(x, plane.x)) > _OFF * plane.length:
             return None
         ahead = factored.solve(np.append(np.zeros(self._weights.size), scale))  # as far as the plane is moved
-        length = self._length(ahead[:-1])
+        length = problem.length(ahead[:-1])
         margin = self._estimator.margin(problem.loaded(factor), x, stresses).value
         return _Point(x, factor, margin, ahead[:-1] / length, float(ahead[-1]) / length, 0.0)
 
-    def _length(self, step: Array) -> float:
-        return float(np.sqrt(self._weights @ step**2))
-
     def _moved(self, x: Array) -> float:
-        return self._length(self._problem.difference(x, self._problem.origin))
+        return self._problem.length(self._problem.difference(x, self._problem.origin))
 
 
 def way_to_end(points: Sequence[_Point]) -> float:

@@ -332,5 +332,4 @@ def _definite_factor(shell: Shell, data: Array) -> Factor | None:
         return None
     if not factor.is_definite():
         return None
-    internal = shell.pattern.internal
-    return condensed_factor(factor, 0 if internal is None else internal.count)
+    return condensed_factor(factor, shell.pattern.internal_count)

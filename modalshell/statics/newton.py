@@ -170,6 +170,10 @@ class Problem(Equations[Matrix]):
         """Weight (N,) of each free unknown in the squared length of a step."""
         return np.ones(self.push.size)
 
+    def length(self, step: Array) -> float:
+        """Length of a step of the free unknowns (N,), by their weights."""
+        return float(np.sqrt(self.weights @ step**2))
+
     def push_at(self, x: Array) -> Array:  # noqa: ARG002 (of loads whose work is not linear in x)
         """Load (N,) on the free unknowns at ``x``: what a growing load adds to minus the gradient."""
         return self.push

@@ -147,12 +147,11 @@ class Tracer(Generic[Matrix]):
 
     def unit(self, point: PathPoint) -> Array:
         """Direction of the path (N,) in the free unknowns, its length 1 in the weights."""
-        length = float(np.sqrt(self._weights @ point.tangent**2))
-        return point.sense * point.tangent / max(length, 1e-300)
+        return point.sense * point.tangent / max(self.problem.length(point.tangent), 1e-300)
 
     def speed(self, point: PathPoint) -> float:
         """Derivative of the factor by the path's length: zero at a limit point."""
-        return point.sense / max(float(np.sqrt(self._weights @ point.tangent**2)), 1e-300)
+        return point.sense / max(self.problem.length(point.tangent), 1e-300)
 
     # ---- steps
 
@@ -210,8 +209,8 @@ class Tracer(Generic[Matrix]):
             whole = point.sense * self._trust * self.longest
             guess, _, share = problem.moved(point.x, whole * point.tangent, reach)
             # No step is much longer than the one before: short of a limit point a share of the load would lead past it.
-            length = abs(share * whole) * self._length(point.tangent)
-            far = max(self._first, _RESOLUTION * self._length(problem.difference(point.x, problem.origin)))
+            length = abs(share * whole) * self.problem.length(point.tangent)
+            far = max(self._first, _RESOLUTION * problem.length(problem.difference(point.x, problem.origin)))
             step = share * whole * min(1.0, min(_GROWTH * self._last, far) / max(length, 1e-300))
             if step != share * whole:
                 guess = problem.moved(point.x, step * point.tangent)[0]
@@ -219,7 +218,7 @@ class Tracer(Generic[Matrix]):
             if found is None or not self._near(point, found, guess):
                 self._trust *= 0.3
                 continue
-            self._last = self._length(problem.difference(found.x, point.x))
+            self._last = problem.length(problem.difference(found.x, point.x))
             if not np.isfinite(self._first):
                 self._first = self._last
             if found.iterations <= _FEW:
@@ -233,20 +232,17 @@ class Tracer(Generic[Matrix]):
         if point.sense == found.sense and (found.factor - point.factor) * point.sense < 0.0:
             return False
         turned = float(self.unit(point) @ (self._weights * self.unit(found)))
-        move = self._length(self.problem.difference(guess, point.x))
-        return turned >= _TURN and self._length(self.problem.difference(found.x, guess)) <= _OFF * move
-
-    def _length(self, step: Array) -> float:
-        return float(np.sqrt(self._weights @ step**2))
+        move = self.problem.length(self.problem.difference(guess, point.x))
+        return turned >= _TURN and self.problem.length(self.problem.difference(found.x, guess)) <= _OFF * move
 
     def passed(self, before: PathPoint, after: PathPoint, points: Sequence[PathPoint]) -> PathPoint | None:
         """The first of some points that lies on the step between two neighbours, as far as its straight line tells."""
         step = self.problem.difference(after.x, before.x)
-        length = self._length(step)
+        length = self.problem.length(step)
         for point in points:
             off = self.problem.difference(point.x, before.x)
             along = min(1.0, max(0.0, float(self._weights * step @ off) / max(length, 1e-300) ** 2))
-            if self._length(off - along * step) <= _OFF * length:
+            if self.problem.length(off - along * step) <= _OFF * length:
                 return point
         return None
 

@@ -217,8 +217,7 @@ class Potential(Problem[sps.csc_array]):
 
     def condensed(self, factor: Factor) -> Factor:
         """A factor for the positions' unknowns: the gradient by internal ones is zero, as the energy is least there."""
-        internal = self.shell.pattern.internal
-        return condensed_factor(factor, 0 if internal is None else internal.count)
+        return condensed_factor(factor, self.shell.pattern.internal_count)
 
     def keeps_factor(self, length: float) -> bool:
         """Whether the factor of a Hessian serves for another, where no vertex differs by ``length`` [m]."""

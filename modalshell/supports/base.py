@@ -8,13 +8,12 @@ from collections.abc import Sequence
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalshell.core.checks import checked_kind, shown
 from modalshell.core.errors import SupportError
 from modalshell.core.registry import Registry
 from modalshell.core.thread_safety import ReadOnlyArrays, read_only
-from modalshell.core.typing import Array
+from modalshell.core.typing import Array, Mask
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.selection import Selection, checked_selection, selected
 
@@ -60,7 +59,7 @@ class Support(ReadOnlyArrays, ABC):
         """Normal (3,) of the plane in which the shell is its own mirror image, if there is one."""
         return None
 
-    def vertices(self, mesh: TriangleMesh) -> NDArray[np.bool_]:
+    def vertices(self, mesh: TriangleMesh) -> Mask:
         """Mask (n,) of its vertices of a mesh; OptionError where it selects none."""
         return selected("sel", self.sel, mesh)
 

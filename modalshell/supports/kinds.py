@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from abc import ABC
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalshell.core.checks import shown, unit_vector
 from modalshell.core.errors import SupportError
-from modalshell.core.typing import Array, Vector
+from modalshell.core.typing import Array, Mask, Vector
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.selection import Selection
 from modalshell.supports.base import Support, complement
@@ -18,18 +18,30 @@ _PLANE = 1e-6
 """Distance from a plane, as a share of the shape's size, up to which vertices lie in it."""
 
 
-def _checked_axes(axes: str) -> str:
-    if not isinstance(axes, str) or not axes or set(axes) - set("xyz") or len(set(axes)) < len(axes):
-        raise SupportError(f"axes must be some of the letters x, y and z, each once (got {shown(axes)})")
-    return axes
+class _WholeSupport(Support, ABC):
+    """A support along all directions."""
+
+    def directions(self) -> Array:
+        """All three."""
+        return np.eye(3)
 
 
-def _axes(axes: str) -> Array:
-    return np.eye(3)[["xyz".index(axis) for axis in axes]]
+class _AxesSupport(Support, ABC):
+    """A support along some axes."""
+
+    def __init__(self, sel: Selection, axes: str) -> None:
+        super().__init__(sel)
+        if not isinstance(axes, str) or not axes or set(axes) - set("xyz") or len(set(axes)) < len(axes):
+            raise SupportError(f"axes must be some of the letters x, y and z, each once (got {shown(axes)})")
+        self.axes = axes
+
+    def directions(self) -> Array:
+        """The axes that are named."""
+        return np.eye(3)[["xyz".index(axis) for axis in self.axes]]
 
 
 @final
-class Clamp(Support, key="clamp"):
+class Clamp(_WholeSupport, key="clamp"):
     """Holds vertices, and the slope of the surface at them.
 
     An :class:`~modalshell.Isotropic` shell is clamped at every edge with both ends in it. The hinges of a
@@ -43,13 +55,9 @@ class Clamp(Support, key="clamp"):
 
     clamps = True
 
-    def directions(self) -> Array:
-        """All three."""
-        return np.eye(3)
-
 
 @final
-class Pin(Support, key="pin"):
+class Pin(_WholeSupport, key="pin"):
     """Holds vertices, and lets the surface turn about them.
 
     Parameters
@@ -58,13 +66,9 @@ class Pin(Support, key="pin"):
         The vertices; triangles with all their corners among them do not move at all.
     """
 
-    def directions(self) -> Array:
-        """All three."""
-        return np.eye(3)
-
 
 @final
-class Fix(Support, key="fix"):
+class Fix(_AxesSupport, key="fix"):
     """Holds single components of the vertices' positions.
 
     Parameters
@@ -79,14 +83,6 @@ class Fix(Support, key="fix"):
     SupportError
         For other ``axes``.
     """
-
-    def __init__(self, sel: Selection, axes: str) -> None:
-        super().__init__(sel)
-        self.axes = _checked_axes(axes)
-
-    def directions(self) -> Array:
-        """The axes that are named."""
-        return _axes(self.axes)
 
 
 @final
@@ -120,7 +116,7 @@ class Symmetry(Support, key="symmetry"):
         """The normal."""
         return self.normal
 
-    def vertices(self, mesh: TriangleMesh) -> NDArray[np.bool_]:
+    def vertices(self, mesh: TriangleMesh) -> Mask:
         """Mask (n,) of its vertices; SupportError unless they lie in one plane of the normal."""
         chosen = super().vertices(mesh)
         heights = mesh.vertices[chosen] @ self.normal
@@ -185,7 +181,7 @@ class Diaphragm(Support, key="diaphragm"):
 
 
 @final
-class Tie(Support, key="tie"):
+class Tie(_AxesSupport, key="tie"):
     """Lets vertices move together: along the axes their displacements are equal.
 
     Parameters
@@ -204,9 +200,4 @@ class Tie(Support, key="tie"):
     ties = True
 
     def __init__(self, sel: Selection, axes: str = "xyz") -> None:
-        super().__init__(sel)
-        self.axes = _checked_axes(axes)
-
-    def directions(self) -> Array:
-        """The axes that are named."""
-        return _axes(self.axes)
+        super().__init__(sel, axes)

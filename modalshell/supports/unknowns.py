@@ -8,11 +8,10 @@ from typing import Any, final
 
 import numpy as np
 import scipy.sparse as sps
-from numpy.typing import NDArray
 
 from modalshell.core.errors import SupportError
 from modalshell.core.thread_safety import ReadOnlyArrays, read_only
-from modalshell.core.typing import Array, Index
+from modalshell.core.typing import Array, Index, Mask
 from modalshell.mesh import TriangleMesh
 from modalshell.supports.base import Support
 
@@ -28,9 +27,9 @@ class Unknowns(ReadOnlyArrays, ABC):
 
     count: int
     """Number of unknowns N."""
-    held: NDArray[np.bool_]
+    held: Mask
     """Vertices that cannot move; shape (n,)."""
-    supported: NDArray[np.bool_]
+    supported: Mask
     """Vertices that have supports; shape (n,)."""
     matrix: sps.csr_array | None = None
     """P, where it is more than a selection of vertices."""
@@ -71,7 +70,7 @@ class Unknowns(ReadOnlyArrays, ABC):
 class VertexUnknowns(Unknowns):
     """The positions of the vertices that are not ``held`` (n,)."""
 
-    def __init__(self, held: NDArray[np.bool_]) -> None:
+    def __init__(self, held: Mask) -> None:
         self.held = self.supported = read_only(held)
         self._size = 3 * held.size
         self.indices: Index = read_only((3 * np.flatnonzero(~held)[:, None] + np.arange(3)).ravel())
@@ -118,7 +117,7 @@ class MappedUnknowns(Unknowns):
 
     matrix: sps.csr_array
 
-    def __init__(self, matrix: sps.csr_array, supported: NDArray[np.bool_], axes: Array) -> None:
+    def __init__(self, matrix: sps.csr_array, supported: Mask, axes: Array) -> None:
         self.matrix = matrix
         self._axes = axes
         self.supported = read_only(supported)
@@ -221,7 +220,7 @@ def supported_unknowns(supports: Sequence[Support], mesh: TriangleMesh) -> Unkno
     return _some(MappedUnknowns(matrix, supported, axes[np.flatnonzero(supported)]))
 
 
-def _directions(squares: Array) -> tuple[NDArray[np.bool_], Array, NDArray[np.bool_]]:
+def _directions(squares: Array) -> tuple[Mask, Array, Mask]:
     """Vertices that are wholly held (n,), frames (n, 3, 3) of columns, and which of these are held (n, 3)."""
     frames, still = np.tile(np.eye(3), (len(squares), 1, 1)), np.zeros((len(squares), 3), dtype=bool)
     some = np.flatnonzero(squares.any(axis=(1, 2)))

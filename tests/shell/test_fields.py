@@ -104,6 +104,15 @@ def test_hinges_have_strains_and_curvatures_too():
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
+def test_curvatures_of_hinges_follow_a_clamp_that_is_shifted():
+    mesh, origin = ms.flat_beam(cells=(10, 3)), np.array([8.0, 0.0, 4.0])
+    shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), mesh.vertices[:, 0] < 0.01)
+    x = mesh.vertices + np.outer(0.2 * mesh.vertices[:, 0] ** 2, [0.0, 0.0, 1.0])
+    fresh, known = (shell.shifted(origin).fields(x - origin).curvature, shell.fields(x).curvature)
+    np.testing.assert_allclose(fresh, known, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(shell.shifted(origin).fields(x - origin).curvature, known, rtol=0.0, atol=1e-12)
+
+
 def test_collapsed_triangles_and_wrong_positions_are_refused(sheet):
     with pytest.raises(ms.LoadError, match="flattest triangle"):
         sheet.fields(np.zeros_like(sheet.rest_positions))

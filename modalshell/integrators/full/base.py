@@ -94,6 +94,18 @@ class FullIntegrator(Integrator):
         return np.inf
 
 
+class EulerRule(FullIntegrator):
+    """A rule of order one by which small oscillations go as by implicit Euler."""
+
+    def growth(self, rate: complex) -> complex:
+        """``1 / (1 - h lambda)``."""
+        return 1.0 / (1.0 - rate)
+
+    def local_error(self, before: MotionState, after: MotionState, dt: float) -> Array:
+        """``h^2 v' / 2``."""
+        return 0.5 * dt * (after.rates - before.rates)
+
+
 def oscillation(stiffness: float, damp: float, h: float) -> complex:
     """``h lambda`` of ``q'' + damp q' + stiffness q = 0``: the root of positive imaginary part, or the slower one."""
     return complex(h * (-0.5 * damp + cmath.sqrt(0.25 * damp**2 - stiffness)))

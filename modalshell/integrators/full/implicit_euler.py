@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import final
 
-from modalshell.core.typing import Array
+from modalshell.integrators.full.base import EulerRule
 from modalshell.integrators.full.implicit_rule import EulerSteps, ImplicitRule, euler_step
 from modalshell.integrators.state import MotionState
 
 
 @final
-class ImplicitEuler(ImplicitRule, key="implicit", alias="implicit_euler"):
+class ImplicitEuler(EulerRule, ImplicitRule, key="implicit", alias="implicit_euler"):
     """Implicit Euler, solved to the model's tolerance as the minimum of the step's potential [hairer2006, section I.1].
 
     Order one. Stable at any step; it loses energy: small oscillations shrink by ``(1 + h c + h^2 lambda)^(-1/2)`` a
@@ -19,14 +19,6 @@ class ImplicitEuler(ImplicitRule, key="implicit", alias="implicit_euler"):
     """
 
     name = "implicit Euler"
-
-    def growth(self, rate: complex) -> complex:
-        """``1 / (1 - h lambda)``."""
-        return 1.0 / (1.0 - rate)
-
-    def local_error(self, before: MotionState, after: MotionState, dt: float) -> Array:
-        """``h^2 v' / 2``."""
-        return 0.5 * dt * (after.rates - before.rates)
 
     def march(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool]:
         """One step, from the state itself."""

@@ -10,7 +10,7 @@ from typing import final
 import numpy as np
 
 from modalshell.core.typing import Array
-from modalshell.integrators.full.base import Body, FullIntegrator, hold, pull_rate, step_potential
+from modalshell.integrators.full.base import Body, EulerRule, hold, pull_rate, step_potential
 from modalshell.integrators.state import MotionState
 from modalshell.shell import PROJECTED, Shell
 from modalshell.shell.damping import Damping
@@ -19,16 +19,8 @@ _HELD_UP = "held_up"
 """Name in a state's memory of what :func:`_held_up` finds of a step (3,)."""
 
 
-class LinearisedEuler(FullIntegrator):
-    """A rule of one linearised step of implicit Euler; small oscillations go as by that one."""
-
-    def growth(self, rate: complex) -> complex:
-        """``1 / (1 - h lambda)``."""
-        return 1.0 / (1.0 - rate)
-
-    def local_error(self, before: MotionState, after: MotionState, dt: float) -> Array:
-        """``h^2 v' / 2``."""
-        return 0.5 * dt * (after.rates - before.rates)
+class LinearisedEuler(EulerRule):
+    """A rule of one linearised step of implicit Euler."""
 
 
 @final

@@ -10,9 +10,9 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from modalshell.core.typing import Array
+from modalshell.core.typing import Array, Mask
 
 RESOLVED, FOLLOWED = 3.0, 4.0
 """Steps a period from which modes are followed under forces that turn, and from which a predicted force serves that."""
@@ -64,7 +64,7 @@ def flow(stiffness: ArrayLike, damp: ArrayLike, h: ArrayLike) -> Flow:
     return Flow(e11, e12, -stiff * e12, e11 - y * first, a1, a2, e12, step * second)
 
 
-def outrun(stiffness: Array, h: ArrayLike, steps: float = RESOLVED) -> NDArray[np.bool_]:
+def outrun(stiffness: Array, h: ArrayLike, steps: float = RESOLVED) -> Mask:
     """Whether modes have fewer ``steps`` a period; just as many, but for rounding, are enough."""
     return np.asarray(np.square(h) * stiffness > (1.0 + 1e-6) * (2.0 * np.pi / steps) ** 2)
 

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.core.typing import Array, Index
+from modalshell.mesh.topology import numbers_of_edges
 from modalshell.models.hybrid.measures import FLAT, Bending, Measures, feet_of, offsets, remaining
-from modalshell.shell.smoothed_membrane import PAIR, edge_numbers, strain_of_lengths
+from modalshell.shell.smoothed_membrane import PAIR, strain_of_lengths
 
 
 @final
@@ -78,7 +79,7 @@ class HingeMeasures(Measures):
         hinges = self.shell.elements[2].stencils[self._flat]
         weights = 2.0 * factors[2] * self.shell.elements[2].weight[self._flat]
         strains = self._softness(factors[:2])[:, None] * modes
-        edges = edge_numbers(mesh, hinges, PAIR)
+        edges = numbers_of_edges(mesh.edges, hinges[:, PAIR])
         rows = np.zeros((len(hinges), 2, len(PAIR)))
         rows[:, :, [0, 1, 2]] = strain_of_lengths(mesh, hinges[:, [0, 1, 2]])[:, 1:]
         rows[:, :, [0, 3, 4]] -= strain_of_lengths(mesh, hinges[:, [0, 1, 3]], -1.0)[:, 1:]
