@@ -41,7 +41,7 @@ class Drift:
     Attributes
     ----------
     none : ndarray, shape (5, m)
-        The rows where nothing is known yet, by which they are told: steps leave them as they are.
+        The rows where nothing is known yet. A motion holds this very array, not a copy: no step need be taken then.
     """
 
     def __init__(self, basis: Basis, damping: Damping) -> None:
