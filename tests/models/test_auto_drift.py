@@ -26,6 +26,15 @@ def held(rest, frames, dt, omega, damp, stiffer=0.0):
     return rest - load / (omega**2 * (1.0 + stiffer))
 
 
+def test_steps_leave_nothing_as_it_is(basis):
+    drift = Drift(basis, Damping(2.0, 1e-3))
+    for dt in (1e-4, 0.1):
+        after, off = drift.advanced(drift.none, np.ones(basis.count), dt, 3)
+        assert off == 0.0
+        np.testing.assert_array_equal(after, drift.none)
+    assert drift.forgotten(drift.none) is drift.none
+
+
 @pytest.mark.parametrize("ratio", [0.0, 0.02])
 def test_a_wrong_stiffness_adds_up_as_it_does_in_an_oscillator(basis, ratio):
     """Of two oscillators, one of them stiffer by a hundredth, over three periods; one check tells all of it."""
