@@ -173,8 +173,8 @@ class LoadsAhead:
         (forces, answers), coming = self._summed(dead, parts), []
         for corner in itertools.product(*ends):
             if any(corner):
-                factors = np.array(corner)
-                force, answer = dead + np.tensordot(factors, forces[1:], 1), answers.of(np.array([1.0, *corner]))
+                largest = np.array(corner)
+                force, answer = dead + np.tensordot(largest, forces[1:], 1), answers.of(np.array([1.0, *corner]))
                 answer = answer or self._model.answers.of(force)  # none, or beyond all numbers: as that says
-                coming.append(Coming(force, answer.whole, factors))
+                coming.append(Coming(force, answer.whole, largest))
         return coming
