@@ -190,7 +190,7 @@ class ModalWarping(UnstretchedModel):
         count_read(self.basis.rotations.nbytes + self.basis.modes.nbytes)
         count_products((3 + self.basis.count) * self.basis.modes.size)
         turns = self.basis.rotations.reshape(-1, 3, self.basis.count)
-        return np.asarray(np.einsum("nij,njm->nim", blocks, turns)).reshape(self.basis.modes.shape)
+        return np.matmul(blocks, turns).reshape(self.basis.modes.shape)  # an einsum takes five times as long
 
     def largest_turn(self, q: Array) -> float:
         """Largest rotation of a vertex [rad] at q."""

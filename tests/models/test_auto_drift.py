@@ -26,6 +26,15 @@ def held(rest, frames, dt, omega, damp, stiffer=0.0):
     return rest - load / (omega**2 * (1.0 + stiffer))
 
 
+def test_steps_leave_nothing_as_it_is(basis):
+    drift = Drift(basis, Damping(2.0, 1e-3))
+    for dt in (1e-4, 0.1):
+        after, off = drift.advanced(drift.none, np.ones(basis.count), dt, 3)
+        assert off == 0.0
+        np.testing.assert_array_equal(after, drift.none)
+    assert drift.forgotten(drift.none) is drift.none
+
+
 @pytest.mark.parametrize("ratio", [0.0, 0.02])
 def test_a_wrong_stiffness_adds_up_as_it_does_in_an_oscillator(basis, ratio):
     """Of two oscillators, one of them stiffer by a hundredth, over three periods; one check tells all of it."""
@@ -42,7 +51,7 @@ def test_a_wrong_stiffness_adds_up_as_it_does_in_an_oscillator(basis, ratio):
 
     times = dt * np.arange(periods * frames + 1)
     level, exact = swing(0.0, times), swing(OFF, times)
-    found, rows = [], drift.none()
+    found, rows = [], drift.none
     for k in range(2, times.size):
         frame = tuple(rest + q * mode for q in level[k - 2 : k + 1])
         rows, off = drift.advanced(rows, drift.coordinates(frame[2]), dt, 1)
@@ -69,7 +78,7 @@ def test_frames_of_the_right_stiffness_add_nothing_up_however_few_there_are(basi
     corrected = held(rest, frames, dt, omega, 0.0)
     assert np.abs(corrected - frames[1]).max() > 0.02 * np.abs(frames[1] - rest).max()
     places = drift.coordinates(frames[1]), drift.coordinates(frames[2])
-    rows = drift.checked(drift.none(), (frames, corrected), places, dt, 1, first=False)
+    rows = drift.checked(drift.none, (frames, corrected), places, dt, 1, first=False)
     assert np.abs(rows[3]).max() < 1e-9
 
 

@@ -88,6 +88,15 @@ def test_statics_vouches_for_a_vibration_as_large():
         assert not states.holds(known, np.array(state))
 
 
+def test_statics_is_known_as_its_points_one_after_the_other():
+    states, z = KnownStates(1), np.array([1.0, 0.2, 0.0, 0.0, 3.0])
+    known = each = states.grown(states.nothing(5), np.array([0.1, -0.4, 0.3, 0.0, 1.0]), 1.2, 0.5)
+    for point in (z, [0, 0, 0, 0, 3.0], [0, 0, 1.0, 0.2, 0], [0, 0, -1.0, -0.2, 0]):
+        each = states.grown(each, np.array(point, dtype=float), 1.5, 1.0)
+    np.testing.assert_array_equal(states.swinging(known, z, 1.5, 1.0), each)
+    np.testing.assert_array_equal(states.swinging(states.nothing(5), z, 1.5, 0.0), states.nothing(5))
+
+
 def test_rates_that_are_found_late_are_found_once_and_travel():
     found = []
     late = np.full(2, 3.0), {"b": np.ones(1)}

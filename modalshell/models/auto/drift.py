@@ -36,22 +36,24 @@ _SEEN = 2.0
 
 @final
 class Drift:
-    """Errors that add up in one motion: rows (5, m) of e, e', the present s, and a check's s and coordinates."""
+    """Errors that add up in one motion: rows (5, m) of e, e', the present s, and a check's s and coordinates.
+
+    Attributes
+    ----------
+    none : ndarray, shape (5, m)
+        The rows where nothing is known yet. A motion holds this very array, not a copy: no step need be taken then.
+    """
 
     def __init__(self, basis: Basis, damping: Damping) -> None:
         self._stiffness, self._damp = np.maximum(basis.eigenvalues, _TINY), damping.of_modes(basis.eigenvalues)
         self._projection = basis.modes.T * np.repeat(basis.shell.mass, 3)
         self._rest = basis.shell.rest_positions
         self._flow: tuple[float, Array, Array] | None = None
+        self.none = np.zeros((5, self._stiffness.size))
 
-    def none(self) -> Array:
-        """The rows where nothing is known yet."""
-        return np.zeros((5, self._stiffness.size))
-
-    @staticmethod
-    def forgotten(rows: Array) -> Array:
+    def forgotten(self, rows: Array) -> Array:
         """The same without a check: what has added up beyond the present s, which the next level may lack."""
-        return np.vstack([rows[0] - rows[2], rows[1], np.zeros_like(rows[2:])])
+        return rows if rows is self.none else np.vstack([rows[0] - rows[2], rows[1], np.zeros_like(rows[2:])])
 
     def coordinates(self, x: Array) -> Array:
         """Coordinates (m,) [kg^(1/2) m] of positions x (n, 3) [m]."""

@@ -120,7 +120,7 @@ class LeveledStepper(Stepper):
 
     def _allowed(self, memory: dict[str, Array]) -> float:
         """Displacement [kg^(1/2) m] off by which a level is left."""
-        return float(SWITCH * self.model.error * float(memory["largest"][0]))
+        return float(SWITCH * self.model.error * memory["largest"].item())
 
     def took_part(self, state: MotionState, time: float, dt: float, begin: float) -> None:
         """Let the level that took a part of a step take note of it; see :meth:`Stepper.took_part`."""
@@ -138,6 +138,15 @@ class LeveledStepper(Stepper):
         """The level that took the step to a state, and its own state there."""
         last = self._last
         return last[1:] if last is not None and last[0] is state else self.model.inner(state)
+
+    def own_positions(self, state: MotionState) -> Array:
+        """Positions (n, 3) [m] in the frame of the supports: the coordinates themselves, not to be written into."""
+        return state.coordinates
+
+    def positions(self, state: MotionState, time: float) -> Array:
+        """Positions (n, 3) [m] in the world, of the caller's own."""
+        own = state.coordinates
+        return own.copy() if self._frame is None and not self._off_centre else self.in_world(own, time)
 
     def loaded_positions(self, state: MotionState) -> Array:
         """Positions (n, 3) [m] on which loads do their work."""

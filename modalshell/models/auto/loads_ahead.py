@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple, final
 
 import numpy as np
@@ -104,19 +105,24 @@ class LoadsAhead:
     def answer(self, state: MotionState, memory: dict[str, Array], time: float, dead: Array) -> Answer | None:
         """The linear answer to the load at ``time`` [s]; None of none, or one that is not finite, as motion says."""
         if self._parts is not None:
-            kept = self._sums
-            if kept is None or kept[0] is not dead:
-                forces = [dead, *self._parts]
-                kept = self._sums = dead, np.stack(forces), self._model.answers.of_sums(forces)
+            forces, answers = self._summed(dead, self._parts)
             factors = np.array([1.0, *self.values(time)])
             if not 0.0 < self.most(dead) == memory["ahead"][0]:  # else both ends, and so all between, have been seen
-                along(np.tensordot(factors, kept[1], 1), memory)
-            return kept[2].of(factors)
+                along(np.tensordot(factors, forces, 1), memory)
+            return answers.of(factors)
         force = self.force(state, time, dead)
         if not (np.isfinite(force).all() and force.any()):
             return None
         found: Answer = self._model.answers.following(force, memory)
         return found
+
+    def _summed(self, dead: Array, parts: Sequence[Array]) -> tuple[Array, SumAnswers]:
+        """The dead load and the loads that change (1 + k, n, 3) [N], and the linear answers to their sums."""
+        kept = self._sums
+        if kept is None or kept[0] is not dead:
+            forces = [dead, *parts]
+            kept = self._sums = dead, np.stack(forces), self._model.answers.of_sums(forces)
+        return kept[1:]
 
     def force(self, state: MotionState, time: float, dead: Array) -> Array:
         """Load (n, 3) [N] in the frames that bends the shell in a state."""
@@ -164,9 +170,11 @@ class LoadsAhead:
         for load in live:
             factors = [load.factor_at(time) for time in load.times]
             ends.append(sorted({min(factors), max(factors)}))
-        answers, coming = self._model.answers, []
+        (forces, answers), coming = self._summed(dead, parts), []
         for corner in itertools.product(*ends):
             if any(corner):
-                force = dead + np.tensordot(np.array(corner), np.stack(parts), 1)
-                coming.append(Coming(force, answers.of(force).whole, np.array(corner)))
+                largest = np.array(corner)
+                force, answer = dead + np.tensordot(largest, forces[1:], 1), answers.of(np.array([1.0, *corner]))
+                answer = answer or self._model.answers.of(force)  # none, or beyond all numbers: as that says
+                coming.append(Coming(force, answer.whole, largest))
         return coming

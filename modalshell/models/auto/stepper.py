@@ -69,6 +69,7 @@ class AutoStepper(LeveledStepper):
     def __init__(self, model: Any, levels: Sequence[Level], setup: MotionSetup) -> None:
         super().__init__(model, levels, setup)
         self._calmed: tuple[Array | None, Array | None, float] = None, None, math.inf
+        self._one, self._counts = np.ones(1), list(np.eye(len(levels)))  # a sum of arrays is quicker than of a number
 
     def start(self, positions: Array | None) -> MotionState:
         """State at rest at ``positions`` (n, 3) [m]: on the first level that holds them, and the account says which.
@@ -147,9 +148,7 @@ class AutoStepper(LeveledStepper):
         memory[COST] = cost_of(stepper, inner, after, dt)
         ended = level, after
         x, rates = stepper.local_positions(after), partial(self._levels[level].velocities, stepper, after, dt)
-        steps = memory["steps"].tolist()  # lists: each operation on an array, however short, takes a microsecond or two
-        steps[level] += 1.0
-        memory["since"], memory["steps"] = np.array([memory["since"].item() + 1.0]), np.array(steps)
+        memory["since"], memory["steps"] = memory["since"] + self._one, memory["steps"] + self._counts[level]
         before = memory["largest"].item()
         moved, largest = self._moved(level, after, x, before)
         if largest != before:
@@ -237,7 +236,7 @@ class AutoStepper(LeveledStepper):
     def _drift_switch(self, step: Step, memory: dict[str, Array]) -> Switch | None:
         """The switch to DS where errors that add up are as large as those of a check may be."""
         off = self._watch.drifted(step, memory)
-        if off <= self._allowed(memory) or step.level + 1 == len(self._levels):
+        if off == 0.0 or off <= self._allowed(memory) or step.level + 1 == len(self._levels):
             return None
         share = off / float(memory["largest"][0])
         return step.time, self._successor(step.level, memory, to_full=True), share, 1.0, DRIFTS

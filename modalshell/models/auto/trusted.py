@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 import operator
+from collections.abc import Sequence
 from typing import NamedTuple, final
 
 import numpy as np
@@ -101,17 +102,7 @@ class KnownStates:
 
     def grown(self, known: Array, z: Array, wider: float, largest: float) -> Array:
         """The same with ``wider`` times a state in it; ``largest`` is the largest displacement."""
-        size, modes, point = z.size, (z.size - self._factors) // 2, wider * z
-        matrix, least, most = known[:size], np.minimum(known[-3], point), np.maximum(known[-2], point)
-        noise = np.maximum(_NOISE * (most - least), _LEAST)
-        noise[: 2 * modes] = _NOISE * largest
-        noise[modes : 2 * modes] *= _FASTER
-        if not noise.min() > _TINY:
-            return known
-        beyond = float(point @ np.linalg.solve(matrix + np.diag((_THIN * noise) ** 2), point))
-        if beyond > 1.0:
-            matrix = matrix + (1.0 - 1.0 / beyond) * np.outer(point, point)
-        return np.vstack([matrix, np.linalg.inv(matrix + np.diag(noise**2)), least, most, noise])
+        return self._with(known, (wider * z,), largest)
 
     def swinging(self, known: Array, z: Array, wider: float, largest: float) -> Array:
         """The same with ``wider`` times a state of rest in it, and what is on the way there or about it.
@@ -122,9 +113,26 @@ class KnownStates:
         modes = (z.size - self._factors) // 2
         loaded, rates = np.zeros_like(z), np.zeros_like(z)
         loaded[2 * modes :], rates[modes : 2 * modes] = z[2 * modes :], z[:modes]
-        for point in (z, loaded, rates, -rates):
-            known = self.grown(known, point, wider, largest)
-        return known
+        return self._with(known, [wider * point for point in (z, loaded, rates, -rates)], largest)
+
+    def _with(self, known: Array, points: Sequence[Array], largest: float) -> Array:
+        """The same with some points (k,) in it, one after the other."""
+        size, modes = known.shape[1], (known.shape[1] - self._factors) // 2
+        matrix, (least, most, noise) = known[:size], known[-3:]
+        for point in points:
+            low, high = np.minimum(least, point), np.maximum(most, point)
+            wide = np.maximum(_NOISE * (high - low), _LEAST)
+            wide[: 2 * modes] = _NOISE * largest
+            wide[modes : 2 * modes] *= _FASTER
+            if not wide.min() > _TINY:
+                continue
+            least, most, noise = low, high, wide
+            beyond = float(point @ np.linalg.solve(matrix + np.diag((_THIN * noise) ** 2), point))
+            if beyond > 1.0:
+                matrix = matrix + (1.0 - 1.0 / beyond) * np.outer(point, point)
+        if not noise.min() > _TINY:  # nothing is known yet, nor from these
+            return known
+        return np.vstack([matrix, np.linalg.inv(matrix + np.diag(noise**2)), least, most, noise])
 
     def shrunk(self, known: Array, z: Array, wider: float) -> Array:
         """The same without a state, of little room: all smaller, by as much as leaves that just out of it.

@@ -115,7 +115,7 @@ class Watch:
             state.memory["agreed"] = self._check.sampled.nothing()
         state.memory["barred"][list(self._unfit)] = 1.0
         if self._drift is not None:
-            state.memory["drift"] = self._drift.none()
+            state.memory["drift"] = self._drift.none
         return state
 
     @property
@@ -136,8 +136,8 @@ class Watch:
             return
         if memory["known"].shape[1] != self._size:
             memory["known"] = self._states.nothing(self._size)
-        if self._drift is not None and memory["drift"].shape[1] != self._model.count:
-            memory["drift"] = self._drift.none()
+        if self._drift is not None and (memory["drift"].shape[1] != self._model.count or not memory["drift"].any()):
+            memory["drift"] = self._drift.none
         if not np.array_equal(memory["dead"], dead):
             self.forget(memory, sampled=True)
         memory["dead"] = dead
@@ -168,12 +168,13 @@ class Watch:
 
     def drifted(self, step: Step, memory: dict[str, Array]) -> float:
         """How far the motion is off [kg^(1/2) m] after a step by what has added up; see :mod:`.drift`."""
-        if self._drift is None:
+        drift, rows = self._drift, memory["drift"]
+        if drift is None or rows is drift.none:
             return 0.0
-        rows, power = memory["drift"], self._power(step)
+        power = self._power(step)
         known = power == 3 or rows[3].any()
         q = self._coordinates(step.level, step.after, step.frames[2]) if known else rows[4]
-        memory["drift"], off = self._drift.advanced(rows, q, step.dt, power)
+        memory["drift"], off = drift.advanced(rows, q, step.dt, power)
         return off
 
     def drift(self, memory: dict[str, Array]) -> float:
