@@ -17,7 +17,7 @@ from modalshell.contact.modal_kernels import (
 )
 from modalshell.kernels.compiler import UNCOUNTED, njit
 from modalshell.kernels.frame import TILE, WORK, add_lines, warp_tiles
-from modalshell.kernels.packed import dot
+from modalshell.kernels.packed import LANES, dot, load_first, spread, store_first
 from modalshell.kernels.rotations import coefficients, slopes
 
 _CORRECTIONS = 8
@@ -34,14 +34,12 @@ _plain = njit(**_options)
 @_plain
 def combined(parts, q, out):  # type: ignore[no-untyped-def]
     """Displacements or turns ``out`` (3, k) at q of vertices with ``parts`` (m, 3, k) in each mode."""
-    for axis in range(3):
-        row = out[axis]
-        for i in range(row.size):
-            row[i] = 0.0
+    numbers, flat, width = parts.reshape(-1), out.reshape(-1), out.size
+    for i in range(0, width, LANES):
+        left, moved = min(width - i, LANES), spread(0.0)
         for mode in range(q.size):
-            part, amount = parts[mode, axis], q[mode]
-            for i in range(row.size):
-                row[i] += amount * part[i]
+            moved = moved + spread(q[mode]) * load_first(numbers, mode * width + i, left)
+        store_first(flat, i, moved, left)
 
 
 @_plain

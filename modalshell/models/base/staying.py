@@ -69,9 +69,7 @@ class Staying(ABC):
         """Begin where contacts push ``before``."""
 
     @abstractmethod
-    def part(
-        self, begin: tuple[Array, Array], near: Array, force: Array, dt: float, compliance: Array
-    ) -> Array | None:
+    def part(self, begin: tuple[Array, Array], near: Array, force: Array, dt: float, compliance: Array) -> Array | None:
         """Coordinates (m,) where a step of ``dt`` [s] ends, under a modal ``force`` (m,); None where a vertex opens.
 
         ``begin`` are coordinates and rates (m,), ``near`` is where the end is looked for first, ``compliance`` is G.
@@ -175,9 +173,7 @@ class StayingWarp(Staying):
             self._kept = self._pressing.gathered(rows)
             self._chosen = shapes.begun
 
-    def part(
-        self, begin: tuple[Array, Array], near: Array, force: Array, dt: float, compliance: Array
-    ) -> Array | None:
+    def part(self, begin: tuple[Array, Array], near: Array, force: Array, dt: float, compliance: Array) -> Array | None:
         """See :meth:`Staying.part`."""
         step = *begin, force, compliance, self._eigenvalues, dt
         found = self._found = near.copy(), *self._found[1:]
@@ -250,9 +246,7 @@ class StayingRows(Staying):
                 local=before.local[vertices], pushes=before.pushes[self._rows], positions=base[vertices]
             )
 
-    def part(
-        self, begin: tuple[Array, Array], near: Array, force: Array, dt: float, compliance: Array
-    ) -> Array | None:
+    def part(self, begin: tuple[Array, Array], near: Array, force: Array, dt: float, compliance: Array) -> Array | None:
         """See :meth:`Staying.part`."""
         ends = np.empty((3, force.size))
         implicit_euler(*begin, force, compliance, self._eigenvalues, dt, ends)

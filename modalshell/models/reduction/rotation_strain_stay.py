@@ -11,7 +11,7 @@ from modalshell.contact.modal_kernels import arrive, go_on, implicit_euler, reac
 from modalshell.contact.row_kernels import CORRECTIONS, PASSES, row_begin, row_ended, row_reached, row_solved
 from modalshell.contact.stay_kernels import OPENS, OTHERS, STAYS
 from modalshell.kernels.compiler import UNCOUNTED, njit
-from modalshell.kernels.packed import LANES, dot, load, store
+from modalshell.kernels.packed import LANES, load, load_first, store, total
 from modalshell.kernels.packed import spread as spread_number
 from modalshell.models.reduction.rotation_strain_kernels import WORK, potential, spread, spread_rows
 
@@ -35,8 +35,14 @@ def _points(fit, right, points):  # type: ignore[no-untyped-def]
         for row in range(rows):
             turned[axis * rows + row] = right[row, axis]
     for i in range(points.shape[0]):
-        for axis in range(3):
-            points[i, axis] = rest[i, axis] + dot(flat, i * rows, turned, axis * rows, rows)
+        x, y, z = spread_number(0.0), spread_number(0.0), spread_number(0.0)
+        for row in range(0, rows, LANES):  # what is read of a vertex serves all axes
+            left = min(rows - row, LANES)
+            by = load_first(flat, i * rows + row, left)
+            x = x + by * load_first(turned, row, left)
+            y = y + by * load_first(turned, rows + row, left)
+            z = z + by * load_first(turned, 2 * rows + row, left)
+        points[i, 0], points[i, 1], points[i, 2] = rest[i, 0] + total(x), rest[i, 1] + total(y), rest[i, 2] + total(z)
 
 
 @_kernel
