@@ -96,10 +96,12 @@ def substitute(upper, right):  # type: ignore[no-untyped-def]
     """Solve for ``right`` (s,) by a factor of :func:`factorise`, in place."""
     size, flat = right.size, upper.reshape(-1)
     for a in range(size):
-        value, row = right[a] * upper[a, a], upper[a]
+        value = right[a] * upper[a, a]
         right[a] = value
-        for b in range(a + 1, size):
-            right[b] -= row[b] * value
+        for b in range(a + 1, size, LANES):
+            left = min(size - b, LANES)
+            lowered = load_first(right, b, left) - load_first(flat, a * size + b, left) * spread(value)
+            store_first(right, b, lowered, left)
     for a in range(size - 1, -1, -1):
         known = size - a - 1
         right[a] = (right[a] - dot(flat, a * size + a + 1, right, a + 1, known)) * upper[a, a]

@@ -44,7 +44,10 @@ def turned(a, b, c, second, third, x, y, z):  # type: ignore[no-untyped-def]
 
 @_plain
 def residual_compliance(between, own, out):  # type: ignore[no-untyped-def]
-    """Give way ``out`` (k, k) [m/N] along directions ``own`` (3, k), in the axes at rest, under forces along them."""
+    """Give way ``out`` (k, k) [m/N] along directions ``own`` (3, k), in the axes at rest, under forces along them.
+
+    It is symmetric: what is below the diagonal is not to be read.
+    """
     count = own.shape[1]
     blocks, axes, flat, square = between.reshape(-1), own.reshape(-1), out.reshape(-1), count * count
     for a in range(count):
@@ -59,16 +62,14 @@ def residual_compliance(between, own, out):  # type: ignore[no-untyped-def]
             by_x, by_y = load_first(blocks, 2 * square + at, left), load_first(blocks, 5 * square + at, left)
             along = x * by_x + y * by_y + z * load_first(blocks, 8 * square + at, left)
             store_first(flat, at, given + load_first(axes, 2 * count + b, left) * along, left)
-    for a in range(count):
-        for b in range(a):
-            out[a, b] = out[b, a]
 
 
 @_kernel
 def response(across, compliance, out):  # type: ignore[no-untyped-def]
     """Add ``across^T diag(compliance) across`` (k, k) to ``out``, and to its diagonal what keeps it definite.
 
-    ``across`` are (m, k), ``out`` is symmetric. Also returns what was added to the diagonal at last.
+    ``across`` are (m, k). What ``out`` has below its diagonal is not read. Also returns what was added to the diagonal
+    at last.
     """
     size, count = across.shape
     rows, flat, soft, trace = across.reshape(-1), out.reshape(-1), np.empty(size), 0.0

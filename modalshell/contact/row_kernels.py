@@ -98,6 +98,9 @@ def row_problem(moves, frame, given, turns, between, compliance, out):  # type: 
             own[0, i], own[1, i], own[2, i] = turned(w[0], w[1], w[2], -c1, c2, n[0], n[1], n[2])
     residual_compliance(between, own, beyond)
     for j in range(count):
+        for i in range(j):
+            beyond[j, i] = beyond[i, j]
+    for j in range(count):
         for i in range(count):
             columns[j, i] = beyond[j, i]
     if compliance.ndim == 1:
