@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from modalshell.kernels.compiler import UNCOUNTED, njit
-from modalshell.kernels.packed import dot
+from modalshell.kernels.packed import LANES, dot, load_first, spread, store_first
 
 _SWEEPS = 30
 """Sweeps of Gauss-Seidel before sets are tried again."""
@@ -65,29 +65,29 @@ def _balanced(matrix, gaps, chosen, size, forces):  # type: ignore[no-untyped-de
 def factorise(upper):  # type: ignore[no-untyped-def]
     """Factorise ``upper`` (s, s), a symmetric matrix above its diagonal, in place; False where it is not definite.
 
-    Rows of the factor's transpose are taken from all that follow, each one number after the other; its diagonal holds
-    reciprocals.
+    Rows of the factor's transpose are taken from all that follow; its diagonal holds reciprocals, and what is below it
+    in the same register is overwritten.
     """
-    for a in range(upper.shape[0]):
-        own, c = upper[a, a:], 0
-        while c + 4 <= a:  # four rows at a time, in their order: as many times less is read and written
-            one, two, three, four = upper[c, a:], upper[c + 1, a:], upper[c + 2, a:], upper[c + 3, a:]
-            f, g, h, e = one[0], two[0], three[0], four[0]
-            for b in range(own.size):
-                own[b] = (((own[b] - one[b] * f) - two[b] * g) - three[b] * h) - four[b] * e
-            c += 4
-        while c < a:
-            one = upper[c, a:]
-            f = one[0]
-            for b in range(own.size):
-                own[b] -= one[b] * f
-            c += 1
-        if not own[0] > 0.0:
+    size, flat = upper.shape[0], upper.reshape(-1)
+    for a in range(size):
+        for b in range(
+            a // LANES * LANES, size, LANES
+        ):  # a register of the row after the other, and by all that precede
+            left, at, c = min(size - b, LANES), a * size + b, 0
+            one, two = load_first(flat, at, left), spread(0.0)
+            while c + 2 <= a:  # two sums: neither waits for the other
+                one = one - spread(upper[c, a]) * load_first(flat, c * size + b, left)
+                two = two + spread(upper[c + 1, a]) * load_first(flat, (c + 1) * size + b, left)
+                c += 2
+            if c < a:
+                one = one - spread(upper[c, a]) * load_first(flat, c * size + b, left)
+            store_first(flat, at, one - two, left)
+        if not upper[a, a] > 0.0:
             return False
-        inverse = 1.0 / np.sqrt(own[0])
-        for b in range(1, own.size):
-            own[b] *= inverse
-        own[0] = inverse
+        inverse, row = 1.0 / np.sqrt(upper[a, a]), upper[a, a + 1 :]
+        for b in range(row.size):
+            row[b] *= inverse
+        upper[a, a] = inverse
     return True
 
 
@@ -96,10 +96,12 @@ def substitute(upper, right):  # type: ignore[no-untyped-def]
     """Solve for ``right`` (s,) by a factor of :func:`factorise`, in place."""
     size, flat = right.size, upper.reshape(-1)
     for a in range(size):
-        value, row = right[a] * upper[a, a], upper[a]
+        value = right[a] * upper[a, a]
         right[a] = value
-        for b in range(a + 1, size):
-            right[b] -= row[b] * value
+        for b in range(a + 1, size, LANES):
+            left = min(size - b, LANES)
+            lowered = load_first(right, b, left) - load_first(flat, a * size + b, left) * spread(value)
+            store_first(right, b, lowered, left)
     for a in range(size - 1, -1, -1):
         known = size - a - 1
         right[a] = (right[a] - dot(flat, a * size + a + 1, right, a + 1, known)) * upper[a, a]

@@ -12,6 +12,7 @@ import numpy as np
 from modalshell.contact.gap_kernels import gaps_beyond
 from modalshell.kernels.compiler import UNCOUNTED, njit
 from modalshell.kernels.frame import add_lines
+from modalshell.kernels.packed import LANES, load_first, spread, store_first
 from modalshell.kernels.rotations import rotate
 
 _NONE = 1e-14
@@ -43,52 +44,53 @@ def turned(a, b, c, second, third, x, y, z):  # type: ignore[no-untyped-def]
 
 @_plain
 def residual_compliance(between, own, out):  # type: ignore[no-untyped-def]
-    """Give way ``out`` (k, k) [m/N] along directions ``own`` (3, k), in the axes at rest, under forces along them."""
-    for a in range(own.shape[1]):
-        x, y, z, row = own[0, a], own[1, a], own[2, a], out[a, a:]
-        for axis in range(3):
-            along, by_x = own[axis, a:], between[0, axis, a, a:]
-            by_y, by_z = between[1, axis, a, a:], between[2, axis, a, a:]
-            if axis == 0:
-                for b in range(row.size):
-                    row[b] = along[b] * (x * by_x[b] + y * by_y[b] + z * by_z[b])
-            else:
-                for b in range(row.size):
-                    row[b] += along[b] * (x * by_x[b] + y * by_y[b] + z * by_z[b])
-        below = out[a:, a]
-        for b in range(row.size):
-            below[b] = row[b]
+    """Give way ``out`` (k, k) [m/N] along directions ``own`` (3, k), in the axes at rest, under forces along them.
+
+    It is symmetric: what is below the diagonal is not to be read.
+    """
+    count = own.shape[1]
+    blocks, axes, flat, square = between.reshape(-1), own.reshape(-1), out.reshape(-1), count * count
+    for a in range(count):
+        x, y, z = spread(own[0, a]), spread(own[1, a]), spread(own[2, a])
+        for b in range(a // LANES * LANES, count, LANES):
+            left, at = min(count - b, LANES), a * count + b
+            by_x, by_y = load_first(blocks, at, left), load_first(blocks, 3 * square + at, left)
+            given = load_first(axes, b, left) * (x * by_x + y * by_y + z * load_first(blocks, 6 * square + at, left))
+            by_x, by_y = load_first(blocks, square + at, left), load_first(blocks, 4 * square + at, left)
+            along = x * by_x + y * by_y + z * load_first(blocks, 7 * square + at, left)
+            given = given + load_first(axes, count + b, left) * along
+            by_x, by_y = load_first(blocks, 2 * square + at, left), load_first(blocks, 5 * square + at, left)
+            along = x * by_x + y * by_y + z * load_first(blocks, 8 * square + at, left)
+            store_first(flat, at, given + load_first(axes, 2 * count + b, left) * along, left)
 
 
-@_plain
+@_kernel
 def response(across, compliance, out):  # type: ignore[no-untyped-def]
     """Add ``across^T diag(compliance) across`` (k, k) to ``out``, and to its diagonal what keeps it definite.
 
-    ``across`` are (m, k). Also returns what was added to the diagonal at last.
+    ``across`` are (m, k). What ``out`` has below its diagonal is not read. Also returns what was added to the diagonal
+    at last.
     """
     size, count = across.shape
+    rows, flat, soft, trace = across.reshape(-1), out.reshape(-1), np.empty(size), 0.0
     for a in range(count):
-        row, k = out[a, : a + 1], 0
-        while k + 4 <= size:
-            one, two, three, four = across[k], across[k + 1], across[k + 2], across[k + 3]
-            f, g, h = one[a] * compliance[k], two[a] * compliance[k + 1], three[a] * compliance[k + 2]
-            e = four[a] * compliance[k + 3]
-            for b in range(row.size):
-                row[b] = (((row[b] + f * one[b]) + g * two[b]) + h * three[b]) + e * four[b]
-            k += 4
-        while k < size:
-            one = across[k]
-            f = one[a] * compliance[k]
-            for b in range(row.size):
-                row[b] += f * one[b]
-            k += 1
-    trace = 0.0
-    for a in range(count):
+        for k in range(size):
+            soft[k] = across[k, a] * compliance[k]
+        for b in range(a // LANES * LANES, count, LANES):
+            left, at, k = min(count - b, LANES), a * count + b, 0
+            one, two = load_first(flat, at, left), spread(0.0)
+            while k + 2 <= size:  # two sums: neither waits for the other
+                one = one + spread(soft[k]) * load_first(rows, k * count + b, left)
+                two = two + spread(soft[k + 1]) * load_first(rows, (k + 1) * count + b, left)
+                k += 2
+            if k < size:
+                one = one + spread(soft[k]) * load_first(rows, k * count + b, left)
+            store_first(flat, at, one + two, left)
         trace += out[a, a]
-        for b in range(a):
-            out[b, a] = out[a, b]
     loaded = LOADED * trace / max(count, 1)
     for a in range(count):
+        for b in range(a):
+            out[a, b] = out[b, a]
         out[a, a] += loaded
     return loaded
 

@@ -23,6 +23,8 @@ SMALL = 1e-12
 """Gap, as a share of the shell's size, that is none in small problems."""
 STILL = 1e-5
 """Move, as a share of the shell's size, since derivatives were taken, within which they are kept."""
+NEARLY = 1e-7
+"""Gap, as a share of the shell's size, that one more solution closes: derivatives change little over FAR."""
 
 Near = Callable[[Array, Index, Array | None], tuple[Array, Array | None]]
 """Positions (k, 3) [m] of some vertices, and derivatives (k, d, m) along directions (d, 3), if these are asked for."""

@@ -87,6 +87,8 @@ def row_problem(moves, frame, given, turns, between, compliance, out):  # type: 
             if moves.shape[1] == 3:
                 slope = n[0] * slope + n[1] * moves[i, 1, k] + n[2] * moves[i, 2, k]
             across[k, i] = slope
+            if compliance.ndim == 1:
+                softened[i, k] = slope * compliance[k]
             value += slope * ahead[k]
         offset[i] = value - (n[0] * local[v, 0] + n[1] * local[v, 1] + n[2] * local[v, 2])
         own[0, i], own[1, i], own[2, i] = n[0], n[1], n[2]
@@ -96,12 +98,12 @@ def row_problem(moves, frame, given, turns, between, compliance, out):  # type: 
             own[0, i], own[1, i], own[2, i] = turned(w[0], w[1], w[2], -c1, c2, n[0], n[1], n[2])
     residual_compliance(between, own, beyond)
     for j in range(count):
+        for i in range(j):
+            beyond[j, i] = beyond[i, j]
+    for j in range(count):
         for i in range(count):
             columns[j, i] = beyond[j, i]
     if compliance.ndim == 1:
-        for i in range(count):
-            for k in range(size):
-                softened[i, k] = across[k, i] * compliance[k]
         loaded = response(across, compliance, columns)
     else:
         soft, trace = np.empty(count), 0.0
@@ -139,11 +141,11 @@ def row_end(problem, forces, free, accuracy, symmetric, out):  # type: ignore[no
 def row_solved(problem, forces, free, out):  # type: ignore[no-untyped-def]
     """What :func:`row_end` tells of the forces (k,) that solve a problem."""
     columns, beyond, softened, offset, own = problem
-    (q, pushes, expected), energy = out, 0.0
+    (q, pushes, expected), energy, given = out, 0.0, np.empty(forces.size)
     for k in range(q.size):
         q[k] = free[k]
     for i in range(expected.size):
-        expected[i] = offset[i]
+        expected[i], given[i] = offset[i], 0.0
     for j in range(forces.size):
         for i in range(3):
             pushes[j, i] = forces[j] * own[i, j]
@@ -152,7 +154,10 @@ def row_solved(problem, forces, free, out):  # type: ignore[no-untyped-def]
                 q[k] += softened[j, k] * forces[j]
             for i in range(forces.size):
                 expected[i] += columns[j, i] * forces[j]
-                energy += 0.5 * forces[j] * beyond[j, i] * forces[i]
+            for i in range(forces.size):
+                given[i] += beyond[j, i] * forces[j]
+    for i in range(forces.size):
+        energy += 0.5 * forces[i] * given[i]
     return energy
 
 

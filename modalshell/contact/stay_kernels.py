@@ -26,16 +26,14 @@ def stay(kept, bodies, step, found, limits):  # type: ignore[no-untyped-def]
     step : tuple
         Coordinates and rates (m,), modal force (m,), G (m,), stiffness of the modes (m,), and how long it is [s].
     found : tuple
-        Coordinates (m,) of its end; and forces (k,), displacements (3, k) [m] beyond the modes and forces (k, 3) in
-        the axes at rest: those at its beginning, which become those at its end.
+        Coordinates (m,) to begin with, forces (k,), displacements (3, k) [m] beyond the modes and forces (k, 3) in the
+        axes at rest at its beginning: they become those at its end.
     limits : tuple
         Gap that is none, move of a good linearisation, and accuracy of the small problems [m].
     """
     q, rates, force, compliance, eigenvalues, dt = step
     ends = np.empty((3, q.size))
     implicit_euler(q, rates, force, compliance, eigenvalues, dt, ends)
-    for k in range(q.size):
-        found[0][k] = ends[2, k]
     steady, count = kept[5], found[1].size
     if not steady[2].size:
         steady = np.empty((count, count)), np.empty((count, count)), steady[2]
@@ -132,6 +130,8 @@ def _stay_twice(kept, bodies, push, step, found, limits):  # type: ignore[no-unt
         else:
             push_frame(push[0], push[1], push[2], begun[3], work, force)
         end = half if turn == 0 else ends[0]
+        for k in range(q.size):
+            end[k] = begun[3, k]
         part = begun[0], begun[1], force, compliance, eigenvalues, gamma * dt
         energy, stays = stay(kept, bodies, part, (end, forces, local, turned_back), limits)
         if not stays:

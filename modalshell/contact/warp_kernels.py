@@ -17,7 +17,7 @@ from modalshell.contact.modal_kernels import (
 )
 from modalshell.kernels.compiler import UNCOUNTED, njit
 from modalshell.kernels.frame import TILE, WORK, add_lines, warp_tiles
-from modalshell.kernels.packed import dot
+from modalshell.kernels.packed import LANES, dot, load_first, spread, store_first
 from modalshell.kernels.rotations import coefficients, slopes
 
 _CORRECTIONS = 8
@@ -34,34 +34,35 @@ _plain = njit(**_options)
 @_plain
 def combined(parts, q, out):  # type: ignore[no-untyped-def]
     """Displacements or turns ``out`` (3, k) at q of vertices with ``parts`` (m, 3, k) in each mode."""
-    for axis in range(3):
-        row = out[axis]
-        for i in range(row.size):
-            row[i] = 0.0
+    numbers, flat, width = parts.reshape(-1), out.reshape(-1), out.size
+    for i in range(0, width, LANES):
+        left, moved = min(width - i, LANES), spread(0.0)
         for mode in range(q.size):
-            part, amount = parts[mode, axis], q[mode]
-            for i in range(row.size):
-                row[i] += amount * part[i]
+            moved = moved + spread(q[mode]) * load_first(numbers, mode * width + i, left)
+        store_first(flat, i, moved, left)
 
 
 @_plain
 def _slopes_of_gaps(modes, rotations, by, across):  # type: ignore[no-untyped-def]
     """Slopes ``across`` (m, k) of the gaps, by turns and displacements along ``by`` (6, k)."""
-    a, b, c = by[3], by[4], by[5]
-    for mode in range(across.shape[0]):
-        row, x, y, z = across[mode], modes[mode, 0], modes[mode, 1], modes[mode, 2]
-        if rotations.size:
-            p, q, r = rotations[mode, 0], rotations[mode, 1], rotations[mode, 2]
-            one, two, three = by[0], by[1], by[2]
-            for i in range(row.size):
-                row[i] = one[i] * p[i] + two[i] * q[i]
-            for i in range(row.size):
-                row[i] += three[i] * r[i]
-        else:
-            for i in range(row.size):
-                row[i] = 0.0
-        for i in range(row.size):
-            row[i] += a[i] * x[i] + b[i] * y[i] + c[i] * z[i]
+    (size, count), turns = across.shape, rotations.size > 0
+    moved, turned_by, ways, flat = modes.reshape(-1), rotations.reshape(-1), by.reshape(-1), across.reshape(-1)
+    for i in range(0, count, LANES):
+        left = min(count - i, LANES)
+        p, q, r = spread(0.0), spread(0.0), spread(0.0)
+        if turns:
+            p, q = load_first(ways, i, left), load_first(ways, count + i, left)
+            r = load_first(ways, 2 * count + i, left)
+        a, b = load_first(ways, 3 * count + i, left), load_first(ways, 4 * count + i, left)
+        c = load_first(ways, 5 * count + i, left)
+        for mode in range(size):
+            at = 3 * mode * count + i
+            x, y = load_first(moved, at, left), load_first(moved, at + count, left)
+            slope = a * x + b * y + c * load_first(moved, at + 2 * count, left)
+            if turns:
+                x, y = load_first(turned_by, at, left), load_first(turned_by, at + count, left)
+                slope = slope + p * x + q * y + r * load_first(turned_by, at + 2 * count, left)
+            store_first(flat, mode * count + i, slope, left)
 
 
 @_kernel

@@ -114,16 +114,30 @@ def load_first(typing, array, index, count):  # type: ignore[no-untyped-def]
     kind = Packed(array.dtype)
 
     def code(context, builder, sig, args):  # type: ignore[no-untyped-def]
-        vector, bits, word = context.get_value_type(kind), array.dtype.bitwidth, ir.IntType(32)
+        vector, word = context.get_value_type(kind), ir.IntType(32)
         pointer = _pointer(context, builder, sig.args[0], args[0], args[1], vector)
-        places = _indices(list(range(kind.lanes)))
-        wanted = builder.icmp_signed("<", places, _spread(builder, builder.trunc(args[2], word), places.type))
+        wanted = _first(builder, vector, args[2])
         made = ir.FunctionType(vector, [pointer.type, word, wanted.type, vector])
-        name = f"llvm.masked.load.v{kind.lanes}f{bits}.p0v{kind.lanes}f{bits}"
-        function = cgutils.get_or_insert_function(builder.module, made, name)  # type: ignore[no-untyped-call]
-        return builder.call(function, [pointer, word(bits // 8), wanted, ir.Constant(vector, None)])
+        function = _masked(builder, "load", vector, array.dtype.bitwidth, made)
+        return builder.call(function, [pointer, word(array.dtype.bitwidth // 8), wanted, ir.Constant(vector, None)])
 
     return kind(array, types.intp, types.intp), code
+
+
+@_intrinsic
+def store_first(typing, array, index, value, count):  # type: ignore[no-untyped-def]
+    """Write the ``count`` first of a packed number, at most all, to ``index`` and following of a flat array."""
+
+    def code(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        vector, word = args[2].type, ir.IntType(32)
+        pointer = _pointer(context, builder, sig.args[0], args[0], args[1], vector)
+        wanted = _first(builder, vector, args[3])
+        made = ir.FunctionType(ir.VoidType(), [vector, pointer.type, word, wanted.type])
+        function = _masked(builder, "store", vector, array.dtype.bitwidth, made)
+        builder.call(function, [args[2], pointer, word(array.dtype.bitwidth // 8), wanted])
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, value, types.intp), code
 
 
 @_intrinsic
@@ -135,6 +149,18 @@ def lane_count(typing, array):  # type: ignore[no-untyped-def]
         return context.get_constant(types.intp, lanes)
 
     return types.intp(array), code
+
+
+def _first(builder: Any, vector: Any, count: Any) -> Any:
+    """Which places of a ``vector`` are among the first ``count``."""
+    places = _indices(list(range(vector.count)))
+    return builder.icmp_signed("<", places, _spread(builder, builder.trunc(count, ir.IntType(32)), places.type))
+
+
+def _masked(builder: Any, instruction: str, vector: Any, bits: int, made: Any) -> Any:
+    """LLVM's masked ``instruction`` for a ``vector`` of numbers of some ``bits``, of the type ``made``."""
+    name = f"llvm.masked.{instruction}.v{vector.count}f{bits}.p0v{vector.count}f{bits}"
+    return cgutils.get_or_insert_function(builder.module, made, name)  # type: ignore[no-untyped-call]
 
 
 def _triples(builder: Any, rows: Any) -> list[Any]:
@@ -179,8 +205,7 @@ def store_first_triples(typing, array, index, x, y, z, count):  # type: ignore[n
             places = _indices([part * lanes + place for place in range(lanes)])
             wanted = builder.icmp_signed("<", places, _spread(builder, numbers, places.type))
             kind = ir.FunctionType(ir.VoidType(), [mixed.type, pointer.type, word, wanted.type])
-            name = f"llvm.masked.store.v{lanes}f{bits}.p0v{lanes}f{bits}"
-            function = cgutils.get_or_insert_function(builder.module, kind, name)  # type: ignore[no-untyped-call]
+            function = _masked(builder, "store", mixed.type, bits, kind)
             builder.call(function, [mixed, pointer, word(bits // 8), wanted])
         return context.get_dummy_value()
 

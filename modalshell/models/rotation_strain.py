@@ -71,7 +71,7 @@ class RotationStrain(TurnedTriangles):
         self._green = np.empty((0, fit.rows - 1))
         self._places = np.full(len(basis.shell.rest_positions), -1, np.int64)
         self._spread: tuple[bytes, Array] | None = None
-        self._gathered: tuple[bytes, Array] | None = None
+        self._gathered: tuple[bytes, tuple[Array, Array]] | None = None
         self._centres = np.array(centres).reshape(-1, 3, basis.count)
         height, foot, length = fit.sides.T
         shape = np.column_stack([fit.frames.reshape(-1, 9), 0.5 * height, 0.5 * foot, 0.5 * length])
@@ -102,13 +102,13 @@ class RotationStrain(TurnedTriangles):
         fit, count = self._fit, vertices.size
         if fit.coupled or fit.floating:
             return super().contact_frame(q, vertices, directions)
-        green = self._green_of(vertices)
-        points = self.shell.rest_positions[vertices] + green @ self._right_side(q)[:-1]
+        green, at_rest = self._green_of(vertices)
+        points = at_rest + green @ self._right_side(q)[:-1]
         if directions is None:
             return points, None
         columns, slots = self._by_triangle
         right = np.empty((fit.rows, len(directions), columns.shape[2]))
-        none = self._corners, np.empty((0, 3))
+        none = self._corners, np.empty((0, 3)), np.empty((0, 3)), q
         kernel.spread_rows(self._modal, self._shape, columns, slots, q, directions, right, none)
         moves = (green @ right[:-1].reshape(fit.rows - 1, -1)).reshape(count, *right.shape[1:])
         return points, moves[:, :, : q.size]
@@ -124,22 +124,24 @@ class RotationStrain(TurnedTriangles):
     def _stay_under(self, adjoint: LoadAdjoint) -> Callable[..., Any] | None:
         return None if self._fit.coupled or self._fit.floating else partial(self._stay, adjoint)
 
-    def _stay(self, adjoint: LoadAdjoint, vertices: Index, *given: Any) -> tuple[float, bool, Any]:
+    def _stay(self, adjoint: LoadAdjoint, vertices: Index, *given: Any) -> tuple[int, float, Any]:
         """A step in which vertices (k,) stay pushed; see :func:`stay_twice`, whose ``rows`` and on are ``given``."""
-        from modalshell.models.reduction.rotation_strain_stay import stay_twice  # not without contacts
+        from modalshell.models.reduction.rotation_strain_stay import STAYS, stay_twice  # not without contacts
 
-        rows, step, state, *rest = given
-        right = np.empty((self._fit.rows, 3))
-        at_rest, work = self.shell.rest_positions[vertices], (adjoint.gradients, adjoint.constant)
-        fit = self._modal, self._shape, self._corners, *self._by_triangle, self._green_of(vertices), at_rest
-        energy, stays, read, arrived = stay_twice(fit, work, rows, step, (*state, right), *rest)
-        count_read(read * (self._modal.nbytes + self._shape.nbytes) + 2 * (self._modal.nbytes + work[0].nbytes))
-        if stays:
-            self._spread = state[0].tobytes(), right
-        return energy, stays, arrived
+        *given, out = given
+        right, work = np.empty((self._fit.rows, 3)), (adjoint.gradients, adjoint.constant)
+        fit = self._modal, self._shape, self._corners, *self._by_triangle, *self._green_of(vertices)
+        found, energy, read, arrived = stay_twice(fit, work, *given, (*out, right))
+        count_read(read * (self._modal.nbytes + self._shape.nbytes) + 2 * work[0].nbytes)
+        if found == STAYS:
+            self._spread = out[0][0].tobytes(), right
+        return found, energy, arrived
 
-    def _green_of(self, vertices: Index) -> Array:
-        """Displacements (k, N) of some vertices per unit of each row of a right side; those of the last are kept."""
+    def _green_of(self, vertices: Index) -> tuple[Array, Array]:
+        """Displacements (k, N) of some vertices per unit of each row of a right side, and positions (k, 3) [m] at rest.
+
+        Those of the last are kept.
+        """
         last, key = self._gathered, vertices.tobytes()
         if last is not None and last[0] == key:
             return last[1]
@@ -151,9 +153,9 @@ class RotationStrain(TurnedTriangles):
             self._places[missing] = len(self._green) + np.arange(missing.size)
             self._green = np.concatenate([self._green, [self._fit.green(int(vertex)) for vertex in missing]])
             places = self._places[vertices]
-        green = self._green[places]
-        self._gathered = key, green
-        return green
+        found = self._green[places], self.shell.rest_positions[vertices]
+        self._gathered = key, found
+        return found
 
     @cached_property
     def _by_triangle(self) -> tuple[Array, Index]:

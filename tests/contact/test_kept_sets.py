@@ -337,7 +337,7 @@ def test_a_plane_s_factor_is_none_after_a_matrix_that_has_none(modal):
     compliance, steps, ends = 1.0 / (1.0 / dt**2 + values), staying(pressing, values, conservative=True), []
     for share in (1.0, -100.0, 1.0):
         steps.begin(before)
-        ends.append(steps.part((np.zeros(8), np.zeros(8)), force, dt, share * compliance))
+        ends.append(steps.part((np.zeros(8), np.zeros(8)), np.zeros(8), force, dt, share * compliance))
     assert ends[0] is not None
     assert ends[1] is None
     np.testing.assert_array_equal(ends[0], ends[2])

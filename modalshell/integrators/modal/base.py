@@ -44,7 +44,7 @@ class DeadForce(NamedTuple):
     """Whether the force is that of :func:`~modalshell.kernels.push.work_frame` instead."""
     stay: Callable[..., Any] | None = None
     """A step of SDIRK2 under it in which some vertices (k,) stay pushed in one call, if there is one, with the
-    arguments of :func:`~modalshell.models.reduction.rotation_strain_stay.stay_twice` from ``rows`` to ``limits``."""
+    arguments of :func:`~modalshell.models.reduction.rotation_strain_stay.stay_twice` from ``rows`` to ``out``."""
 
 
 class ModalStep(NamedTuple):

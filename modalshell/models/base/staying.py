@@ -13,7 +13,7 @@ import numpy as np
 
 from modalshell.contact.modal import ModalContacts
 from modalshell.contact.modal_kernels import arrive, given_back, go_on, implicit_euler
-from modalshell.contact.modal_rows import FAR, SETTLED, SMALL, STILL
+from modalshell.contact.modal_rows import FAR, NEARLY, SETTLED, SMALL, STILL
 from modalshell.contact.pressed import Pressed
 from modalshell.contact.stay_kernels import OTHERS, STAYS, stay, stay_whole
 from modalshell.core.cost import count_products, count_read
@@ -69,10 +69,10 @@ class Staying(ABC):
         """Begin where contacts push ``before``."""
 
     @abstractmethod
-    def part(self, begin: tuple[Array, Array], force: Array, dt: float, compliance: Array) -> Array | None:
+    def part(self, begin: tuple[Array, Array], near: Array, force: Array, dt: float, compliance: Array) -> Array | None:
         """Coordinates (m,) where a step of ``dt`` [s] ends, under a modal ``force`` (m,); None where a vertex opens.
 
-        ``begin`` are coordinates and rates (m,), ``compliance`` is G.
+        ``begin`` are coordinates and rates (m,), ``near`` is where the end is looked for first, ``compliance`` is G.
         """
 
     @abstractmethod
@@ -97,11 +97,14 @@ class Staying(ABC):
         self.begin(before)
         parts = self._twice((before.q, rates), dead, when, compliance)
         end = None if parts is None else self.end()
-        if parts is None or end is None or end.positions is None or before.positions is None:
-            return None
+        return None if parts is None or end is None else self._whole(before, end, parts, dead, load)
+
+    def _whole(self, before: Pressed, end: Pressed, parts: Parts, dead: DeadForce, load: Array) -> Whole | None:
+        """A step with an end; None where it gains more than little energy."""
         slower, work = 1.0, dead.work
         if self._conservative:
             if work is None:
+                assert end.positions is not None
                 done = float(np.vdot(load, end.positions - before.positions))
             else:
                 done = work(end.q) - work(before.q)
@@ -115,7 +118,8 @@ class Staying(ABC):
         (q, rates), (time, dt), pressing, given = begin, when, self._pressing, 0.0
         part = GAMMA * dt
         pressing.at(time + part)
-        half = self.part(begin, dead.at(q + part * rates), part, compliance)
+        near = q + part * rates
+        half = self.part(begin, near, dead.at(near), part, compliance)
         if half is None:
             return None
         if pressing.moving:
@@ -123,7 +127,7 @@ class Staying(ABC):
         pressing.at(time + dt)
         go_on(q, rates, half, dt, GAMMA, begun := np.empty((4, q.size)))
         force = dead.at(begun[3])
-        last = self.part((begun[0], begun[1]), force, part, compliance)
+        last = self.part((begun[0], begun[1]), begun[3], force, part, compliance)
         if last is None:
             return None
         if pressing.moving:
@@ -169,10 +173,10 @@ class StayingWarp(Staying):
             self._kept = self._pressing.gathered(rows)
             self._chosen = shapes.begun
 
-    def part(self, begin: tuple[Array, Array], force: Array, dt: float, compliance: Array) -> Array | None:
+    def part(self, begin: tuple[Array, Array], near: Array, force: Array, dt: float, compliance: Array) -> Array | None:
         """See :meth:`Staying.part`."""
         step = *begin, force, compliance, self._eigenvalues, dt
-        found = self._found = np.empty(force.size), *self._found[1:]
+        found = self._found = near.copy(), *self._found[1:]
         self._energy, stays = stay(self._kept, self._pressing.bodies, step, found, self._limits)
         return found[0] if stays else None
 
@@ -229,7 +233,8 @@ class StayingRows(Staying):
     _rows: Index
     _state: Pressed
     _turned: Array
-    _kept: tuple[Any, Any, Any] = None, None, None  # rows, what is read of them, and their derivatives
+    _slots: Index
+    _kept: tuple[int, Any, Any, Any] = -1, None, None, None  # how often shapes were dropped; vertices and what is read
 
     def begin(self, before: Pressed) -> None:
         """See :meth:`Staying.begin`."""
@@ -241,47 +246,61 @@ class StayingRows(Staying):
                 local=before.local[vertices], pushes=before.pushes[self._rows], positions=base[vertices]
             )
 
-    def part(self, begin: tuple[Array, Array], force: Array, dt: float, compliance: Array) -> Array | None:
+    def part(self, begin: tuple[Array, Array], near: Array, force: Array, dt: float, compliance: Array) -> Array | None:
         """See :meth:`Staying.part`."""
         ends = np.empty((3, force.size))
         implicit_euler(*begin, force, compliance, self._eigenvalues, dt, ends)
-        found, turned = self._pressing.by_rows.stay(ends[0], compliance, self._state, ends[2], self._rows)
+        found, turned = self._pressing.by_rows.stay(ends[0], compliance, self._state, near, self._rows)
         if found is None or turned is None:
             return None
         self._state, self._turned = found, turned
         return found.q
 
-    def _twice(
-        self, begin: tuple[Array, Array], dead: DeadForce, when: tuple[float, float], compliance: Array
-    ) -> Parts | None:
-        """See :meth:`Staying._twice`; in one call on colliders at rest where the force has one."""
-        pressing, found, stay = self._pressing, self._state, dead.stay
+    def whole(
+        self, before: Pressed, rates: Array, dead: DeadForce, load: Array, when: tuple[float, float], compliance: Array
+    ) -> Whole | None:
+        """See :meth:`Staying.whole`; in one call on colliders at rest where the force has one."""
+        pressing, stay = self._pressing, dead.stay
         if stay is None or pressing.moving or not (pressing.by_rows.alone and len(pressing.spins.spin)):
-            return super()._twice(begin, dead, when, compliance)
-        (q, rates), key, size = begin, (pressing.shapes.begun, self._rows.tobytes()), pressing.touching.size
-        if self._kept[0] != key:
-            derived = np.full(q.size, np.nan), np.empty((self._rows.size, len(pressing.directions), q.size))
-            self._kept = key, self._read_of(q), derived
-        at = np.full(q.size, np.nan) if found.at is None else found.at.copy()
-        step = q, rates, compliance, self._eigenvalues, when[1], GAMMA
-        assert found.positions is not None
-        state = q.copy(), found.pushes, found.local, found.positions, np.empty(found.local.shape)
-        limits = STILL * size, SETTLED * size, FAR * size, pressing.reach
-        ends, force = np.empty((2, q.size)), np.empty(q.size)
-        given = step, state, (at, *self._kept[2]), limits, (ends, force)
-        energy, stays, arrived = stay(*self._kept[1], *given)
-        if not stays:
-            return None
-        end, forces, local, points, self._turned = state
-        self._state = Pressed(end, local, forces, True, points, energy, at)
-        return Parts(ends[1], force, 0.0, *arrived)
+            return super().whole(before, rates, dead, load, when, compliance)
+        size, q, at = pressing.touching.size, before.q, before.at
+        step, limits = (q, rates, compliance, self._eigenvalues, when[1], GAMMA), (STILL, SETTLED, FAR, NEARLY)
+        limits = *(size * limit for limit in limits), pressing.reach
+        kept = before.pushes, before.local, before.positions
 
-    def _read_of(self, q: Array) -> tuple[Index, Any]:
-        """Vertices (k,) of the rows, and these as of :func:`stay_twice`."""
-        pressing, rows = self._pressing, self._rows
+        def tried() -> tuple[int, Any]:
+            (vertices, rows, derived), near = self._kept[1:], np.full(q.size, np.nan) if at is None else at.copy()
+            out = np.empty((2, q.size)), np.empty(q.size), np.empty(vertices.size), np.empty((vertices.size, 3))
+            found, energy, arrived = stay(vertices, rows, step, kept, (near, *derived), limits, out)
+            return found, (energy, near, arrived, *out)
+
+        found, ended = OTHERS, None
+        if self._kept[0] == pressing.shapes.begun:
+            found, ended = tried()
+        if found == OTHERS:
+            self._choose(np.flatnonzero(before.pushes))
+            found, ended = tried()
+        if found != STAYS:
+            return None
+        energy, near, arrived, ends, force, forces, turned = ended
+        base, local, gaps, least = pressing.ended(end := ends[0], self._slots, turned)
+        if not least >= -SETTLED * size:
+            return None
+        pushes = pressing.no_pushes
+        pushes[self._rows] = forces
+        pressed = Pressed(end, local, pushes, True, base, energy, near, gaps)
+        return self._whole(before, pressed, Parts(ends[1], force, 0.0, *arrived), dead, load)
+
+    def _choose(self, rows: Index) -> None:
+        """Look up what is read of some rows (k,) that are pushed, as of :func:`stay_twice`."""
+        pressing, directions = self._pressing, self._pressing.directions
         vertices, contact_of = pressing.touching.vertices[rows], pressing.touching.contact_of[rows]
-        place = np.arange(rows.size), contact_of, pressing.shapes.between(vertices)[1]
-        return vertices, (pressing.bodies, pressing.directions, place, pressing.spins.parts(q, vertices))
+        self._slots, between = pressing.shapes.between(vertices)
+        count, size, spins = rows.size, pressing.reach.size, pressing.spins
+        derived = np.full(size, np.nan), np.empty((count, len(directions), size))
+        place, turning = (np.arange(count), contact_of, between), spins.parts(derived[0], vertices)
+        read = (rows, vertices), pressing.bodies, directions, place, turning
+        self._rows, self._kept = rows, (pressing.shapes.begun, vertices, read, derived)
 
     def now(self) -> tuple[Index, Array, Array]:
         """See :meth:`Staying.now`."""

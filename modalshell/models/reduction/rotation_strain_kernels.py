@@ -179,33 +179,40 @@ def potential(modal, adjoint, q, work, force):  # type: ignore[no-untyped-def]
     total = 0.0
     for tile in range(modal.shape[0]):
         _combine(modal, tile, q, work)
-        for j in range(TILE):
-            fax, fay, faz, fbx, fby, fbz = _columns(j, work)
-            ax, ay, az = adjoint[tile, j], adjoint[tile, TILE + j], adjoint[tile, 2 * TILE + j]
-            bx, by, bz = adjoint[tile, 3 * TILE + j], adjoint[tile, 4 * TILE + j], adjoint[tile, 5 * TILE + j]
-            total += ax * fax + ay * fay + az * faz + bx * fbx + by * fby + bz * fbz
-            x, y, z = work[j], work[TILE + j], work[2 * TILE + j]
-            first, second, mixed = work[3 * TILE + j], work[4 * TILE + j], work[5 * TILE + j]
-            c2, c3 = work[6 * TILE + j], work[7 * TILE + j]
-            squared = x * x + y * y + z * z
-            c1 = 1.0 - squared * c3
-            # Cancellation in c2' for small w costs nothing: w^T N w shrinks as fast.
-            d1, d2 = 0.5 * (c3 - c2), 0.5 * (c1 - 2.0 * c2) / max(squared, _TINY)
-            nax, nay, naz = ax + first * ax + mixed * bx, ay + first * ay + mixed * by, az + first * az + mixed * bz
-            nbx, nby, nbz = bx + mixed * ax + second * bx, by + mixed * ay + second * by, bz + mixed * az + second * bz
-            wx, wy, wz = _slope(x, y, z, c1, c2, d1, d2, nax, nay, naz, nbx, nby, nbz)
-            work[8 * TILE + j], work[9 * TILE + j], work[10 * TILE + j] = wx, wy, wz
-            # The columns of e^[w].
-            rax, ray, raz = 1.0 - c2 * (y * y + z * z), c1 * z + c2 * x * y, c2 * x * z - c1 * y
-            rbx, rby, rbz = c2 * x * y - c1 * z, 1.0 - c2 * (x * x + z * z), c1 * x + c2 * y * z
-            work[11 * TILE + j] = ax * rax + ay * ray + az * raz
-            work[12 * TILE + j] = bx * rbx + by * rby + bz * rbz
-            work[13 * TILE + j] = ax * rbx + ay * rby + az * rbz + bx * rax + by * ray + bz * raz
-        for mode in range(q.size):
-            amount = 0.0
-            for i in range(6 * TILE):
-                amount += modal[tile, mode, i] * work[8 * TILE + i]
-            force[mode] += amount
+        total = _potential_of(modal, adjoint, tile, work, total, force)
+    return total
+
+
+@_kernel
+def _potential_of(modal, adjoint, tile, work, total, force):  # type: ignore[no-untyped-def]
+    """Add what a tile has of :func:`potential`, after :func:`_combine`; ``work`` from row 8 on is used."""
+    for j in range(TILE):
+        fax, fay, faz, fbx, fby, fbz = _columns(j, work)
+        ax, ay, az = adjoint[tile, j], adjoint[tile, TILE + j], adjoint[tile, 2 * TILE + j]
+        bx, by, bz = adjoint[tile, 3 * TILE + j], adjoint[tile, 4 * TILE + j], adjoint[tile, 5 * TILE + j]
+        total += ax * fax + ay * fay + az * faz + bx * fbx + by * fby + bz * fbz
+        x, y, z = work[j], work[TILE + j], work[2 * TILE + j]
+        first, second, mixed = work[3 * TILE + j], work[4 * TILE + j], work[5 * TILE + j]
+        c2, c3 = work[6 * TILE + j], work[7 * TILE + j]
+        squared = x * x + y * y + z * z
+        c1 = 1.0 - squared * c3
+        # Cancellation in c2' for small w costs nothing: w^T N w shrinks as fast.
+        d1, d2 = 0.5 * (c3 - c2), 0.5 * (c1 - 2.0 * c2) / max(squared, _TINY)
+        nax, nay, naz = ax + first * ax + mixed * bx, ay + first * ay + mixed * by, az + first * az + mixed * bz
+        nbx, nby, nbz = bx + mixed * ax + second * bx, by + mixed * ay + second * by, bz + mixed * az + second * bz
+        wx, wy, wz = _slope(x, y, z, c1, c2, d1, d2, nax, nay, naz, nbx, nby, nbz)
+        work[8 * TILE + j], work[9 * TILE + j], work[10 * TILE + j] = wx, wy, wz
+        # The columns of e^[w].
+        rax, ray, raz = 1.0 - c2 * (y * y + z * z), c1 * z + c2 * x * y, c2 * x * z - c1 * y
+        rbx, rby, rbz = c2 * x * y - c1 * z, 1.0 - c2 * (x * x + z * z), c1 * x + c2 * y * z
+        work[11 * TILE + j] = ax * rax + ay * ray + az * raz
+        work[12 * TILE + j] = bx * rbx + by * rby + bz * rbz
+        work[13 * TILE + j] = ax * rbx + ay * rby + az * rbz + bx * rax + by * ray + bz * raz
+    for mode in range(force.size):
+        amount = 0.0
+        for i in range(6 * TILE):
+            amount += modal[tile, mode, i] * work[8 * TILE + i]
+        force[mode] += amount
     return total
 
 
@@ -343,15 +350,16 @@ def deformation_rows(modal, shape, columns, q, out):  # type: ignore[no-untyped-
 
 
 @njit(error_model="numpy", fastmath=False)
-def spread_rows(modal, shape, columns, corners, q, directions, out, spreads):  # type: ignore[no-untyped-def]
+def spread_rows(modal, shape, columns, corners, q, directions, out, further):  # type: ignore[no-untyped-def]
     """Derivatives ``out`` (N + 1, d, M) of the right side of :func:`spread` along directions (d, 3) by q (m,).
 
     ``columns`` (T, 6, M) are the turns and strains of the triangles in each mode, ``corners`` (T, 3) rows of ``out``. M
-    is m filled up to whole registers. ``spreads`` are the corners of tiles and the right side itself, which is written
-    as well, as of :func:`spread`; or rows of none.
+    is m filled up to whole registers. ``further`` are the corners of tiles and the right side itself, which is written
+    as well, as of :func:`spread`, or rows of none; and a load's adjoint gradients and a force (m,) to which its own is
+    added, as of :func:`potential`, or tiles of none.
     """
     work, slopes, size = np.empty(20 * TILE), np.empty((directions.shape[0], 12, TILE)), columns.shape[2]
-    numbers, sums, right_side = columns.reshape(-1), out.reshape(-1), spreads[1]
+    numbers, sums, right_side, adjoint = columns.reshape(-1), out.reshape(-1), further[1], further[2]
     sums[:] = 0.0
     right_side[:] = 0.0
     for t in range(columns.shape[0]):
@@ -361,7 +369,9 @@ def spread_rows(modal, shape, columns, corners, q, directions, out, spreads):  #
             for d in range(directions.shape[0]):
                 _slopes(shape, t // TILE, directions[d], work, slopes[d])
             if right_side.size:
-                _spread_tile(shape, spreads[0], t // TILE, work, right_side)
+                _spread_tile(shape, further[0], t // TILE, work, right_side)
+            if adjoint.shape[0]:
+                _potential_of(modal, adjoint, t // TILE, work, 0.0, further[3])
         for d in range(directions.shape[0]):
             by = slopes[d]
             a0, a1, a2 = spread_number(by[0, j]), spread_number(by[1, j]), spread_number(by[2, j])
