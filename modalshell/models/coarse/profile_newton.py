@@ -12,6 +12,7 @@ import numpy as np
 
 from modalshell.core.typing import Array, Index
 from modalshell.kernels import rotations
+from modalshell.kernels.by_reference import by_reference
 from modalshell.kernels.compiler import UNCOUNTED, njit
 from modalshell.kernels.packed import LANES
 from modalshell.linalg.profile import factorise, solve, substitute_back
@@ -332,6 +333,6 @@ def implicit_step(body, room, start, load, dt, drag, tolerance):  # type: ignore
     numbers[_INERTIA], numbers[_DRAG] = 1.0 / (dt * dt) + drag / dt, 0.0
     scale = _begin(body, room, start, load, dt)
     numbers[_SCALE] = scale if scale > 0.0 else 1.0
-    step = Step(body, room, start.origin, room.x, room.slots)
+    step = by_reference(Step(body, room, start.origin, room.x, room.slots))
     found = solve_step(step, Rules(tolerance, tolerance, 0.0, _UNCHECKED, MOST))
     return found.iterations, found.solved
