@@ -28,6 +28,7 @@ LOADED = 1e-9
 _kernel = njit(error_model="numpy", fastmath=False)
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": False} | UNCOUNTED
 _plain = njit(**_options)
+_inner = njit(entry=False, **_options)
 
 
 @njit(error_model="numpy", fastmath=False, forceinline=True)
@@ -41,7 +42,7 @@ def turned(a, b, c, second, third, x, y, z):  # type: ignore[no-untyped-def]
     )
 
 
-@_plain
+@_inner
 def residual_compliance(between, own, out):  # type: ignore[no-untyped-def]
     """Give way ``out`` (k, k) [m/N] along directions ``own`` (3, k), in the axes at rest, under forces along them."""
     for a in range(own.shape[1]):
@@ -60,7 +61,7 @@ def residual_compliance(between, own, out):  # type: ignore[no-untyped-def]
             below[b] = row[b]
 
 
-@_plain
+@_inner
 def response(across, compliance, out):  # type: ignore[no-untyped-def]
     """Add ``across^T diag(compliance) across`` (k, k) to ``out``, and to its diagonal what keeps it definite.
 
