@@ -136,13 +136,13 @@ def _copied(record: Any) -> Any:
 
 _NUMBERS: dict[type, Any] = {float: np.float64, int: np.int64}
 _ARRAY = "meminfo", "parent", "nitems", "itemsize", "data", "shape", "strides"
-"""What numba keeps of an array, each of these in words of eight bytes."""
+"""What numba keeps of an array, each number of these in eight bytes."""
 if default_manager.lookup(types.float64[::1])._fields != _ARRAY:
     raise ImportError(f"numba {numba.__version__} keeps arrays otherwise than modalshell knows: install numba 0.68")
 
 
 def _words(part: Any) -> tuple[int, ...]:
-    """An array or a number as numba has it in memory, in words of eight bytes."""
+    """An array or a number as numba has it in memory, a number for eight bytes."""
     if not isinstance(part, np.ndarray):
         return (int(np.array(part, dtype=_NUMBERS[type(part)]).view(np.int64)),)
     # No owner: nothing counts the references to what the record holds.
