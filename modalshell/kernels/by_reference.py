@@ -15,7 +15,7 @@ import numba
 import numpy as np
 from numba import types
 from numba.core import cgutils
-from numba.core.datamodel import default_manager
+from numba.core.datamodel.registry import default_manager
 from numba.core.imputils import impl_ret_borrowed
 from numba.core.typing.templates import AttributeTemplate, Signature, infer_getattr, signature
 from numba.extending import (
@@ -36,7 +36,7 @@ class Referred(types.Type):
 
     def __init__(self, record: Any) -> None:
         self.record = record
-        super().__init__(name=f"Referred({record})")  # type: ignore[no-untyped-call]
+        super().__init__(name=f"Referred({record})")
 
 
 @register_model(Referred)
@@ -64,11 +64,11 @@ def _by_reference(context: Any, record: Any) -> tuple[Signature, Any]:
 by_reference: Any = intrinsic(_by_reference)
 
 
-@infer_getattr  # type: ignore[no-untyped-call]
+@infer_getattr
 class _Parts(AttributeTemplate):
     key = Referred
 
-    def generic_resolve(self, kind: Referred, name: str) -> Any:
+    def generic_resolve(self, kind: Referred, name: str) -> Any:  # type: ignore[override]
         if name not in kind.record.fields:
             return None
         part = kind.record[kind.record.fields.index(name)]
@@ -96,7 +96,7 @@ class Placed:
 
     def __init__(self, record: Any) -> None:
         self.record = record
-        self.kind = Referred(numba.typeof(record))
+        self.kind = Referred(numba.typeof(record))  # type: ignore[no-untyped-call]
         self._parts = _parts(record)
         self._words = np.array([word for part in self._parts for word in _words(part)])
         self.address = self._words.ctypes.data
@@ -137,7 +137,7 @@ def _copied(record: Any) -> Any:
 _NUMBERS: dict[type, Any] = {float: np.float64, int: np.int64}
 _ARRAY = "meminfo", "parent", "nitems", "itemsize", "data", "shape", "strides"
 """What numba keeps of an array, each number of these in eight bytes."""
-if default_manager.lookup(types.float64[::1])._fields != _ARRAY:
+if default_manager.lookup(types.float64[::1])._fields != _ARRAY:  # type: ignore[no-untyped-call]
     raise ImportError(f"numba {numba.__version__} keeps arrays otherwise than modalshell knows: install numba 0.68")
 
 
@@ -154,10 +154,11 @@ def _typeof(value: Placed, context: Any) -> Referred:
     return value.kind
 
 
-@unbox(Referred)
+@unbox(Referred)  # type: ignore[no-untyped-call]
 def _unbox(kind: Referred, value: Any, c: Any) -> NativeValue:
     """The place of a record that Python has put there."""
     address = c.pyapi.object_getattr_string(value, "address")
     number = c.pyapi.long_as_longlong(address)
     c.pyapi.decref(address)
-    return NativeValue(c.builder.inttoptr(number, c.context.get_value_type(kind)), is_error=c.pyapi.c_api_error())
+    place = c.builder.inttoptr(number, c.context.get_value_type(kind))
+    return NativeValue(place, is_error=c.pyapi.c_api_error())  # type: ignore[no-untyped-call]
