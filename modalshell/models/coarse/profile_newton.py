@@ -325,9 +325,9 @@ def _begin(body, room, start, load, dt):  # type: ignore[no-untyped-def]
 def implicit_step(body, room, start, load, dt, drag, tolerance):  # type: ignore[no-untyped-def]
     """One step of implicit Euler by mixed Newton [magisano2017], and descent where that fails.
 
-    Body and room are :class:`~modalshell.kernels.by_reference.Placed`. ``drag`` is damping by the mass [1/s]. ``room.x``
-    is left at the positions after the step, or where the solver gave up. Returns the number of factorisations, and whether the residual met the tolerance and the last Hessian was
-    positive definite.
+    Body and room are :class:`~modalshell.kernels.by_reference.Placed`, and ``drag`` is damping by the mass [1/s].
+    ``room.x`` is left at the positions after the step, or where the solver gave up. Returns the number of
+    factorisations, and whether the residual met the tolerance and the last Hessian was positive definite.
     """
     numbers = room.numbers
     numbers[_INERTIA], numbers[_DRAG] = 1.0 / (dt * dt) + drag / dt, 0.0
