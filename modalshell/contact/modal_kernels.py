@@ -29,6 +29,7 @@ LOADED = 1e-9
 _kernel = njit(error_model="numpy", fastmath=False)
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": False} | UNCOUNTED
 _plain = njit(**_options)
+_inner = njit(entry=False, **_options)
 
 
 @njit(error_model="numpy", fastmath=False, forceinline=True)
@@ -42,7 +43,7 @@ def turned(a, b, c, second, third, x, y, z):  # type: ignore[no-untyped-def]
     )
 
 
-@_plain
+@_inner
 def residual_compliance(between, own, out):  # type: ignore[no-untyped-def]
     """Give way ``out`` (k, k) [m/N] along directions ``own`` (3, k), in the axes at rest, under forces along them.
 
@@ -64,7 +65,7 @@ def residual_compliance(between, own, out):  # type: ignore[no-untyped-def]
             store_first(flat, at, given + load_first(axes, 2 * count + b, left) * along, left)
 
 
-@_kernel
+@njit(entry=False, error_model="numpy", fastmath=False)
 def response(across, compliance, out):  # type: ignore[no-untyped-def]
     """Add ``across^T diag(compliance) across`` (k, k) to ``out``, and to its diagonal what keeps it definite.
 

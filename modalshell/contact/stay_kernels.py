@@ -31,6 +31,12 @@ def stay(kept, bodies, step, found, limits):  # type: ignore[no-untyped-def]
     limits : tuple
         Gap that is none, move of a good linearisation, and accuracy of the small problems [m].
     """
+    return _stay(kept, bodies, step, found, limits)
+
+
+@_kernel
+def _stay(kept, bodies, step, found, limits):  # type: ignore[no-untyped-def]
+    """The same for kernels."""
     q, rates, force, compliance, eigenvalues, dt = step
     ends = np.empty((3, q.size))
     implicit_euler(q, rates, force, compliance, eigenvalues, dt, ends)
@@ -133,7 +139,7 @@ def _stay_twice(kept, bodies, push, step, found, limits):  # type: ignore[no-unt
         for k in range(q.size):
             end[k] = begun[3, k]
         part = begun[0], begun[1], force, compliance, eigenvalues, gamma * dt
-        energy, stays = stay(kept, bodies, part, (end, forces, local, turned_back), limits)
+        energy, stays = _stay(kept, bodies, part, (end, forces, local, turned_back), limits)
         if not stays:
             return energy, False, (0.0, (0.0, 0.0), (0.0, 0.0))
         if turn == 0:

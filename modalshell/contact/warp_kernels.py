@@ -233,7 +233,7 @@ def press(kept, bodies, step, before, limits):  # type: ignore[no-untyped-def]
     return rows, q, pushed, pushes, energy, settled
 
 
-@_kernel
+@njit(entry=False, error_model="numpy", fastmath=False)
 def solved(between, place, bodies, way, found, limits, steady):  # type: ignore[no-untyped-def]
     """Solve the problem of candidates from where it is ``found``, in place: as of :func:`stay`.
 

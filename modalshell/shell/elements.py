@@ -15,7 +15,7 @@ import scipy.sparse as sps
 from modalshell.core.cost import count_elements
 from modalshell.core.errors import OptionError, SupportError
 from modalshell.core.registry import Registry
-from modalshell.core.thread_safety import read_only, read_only_view
+from modalshell.core.thread_safety import read_only, read_only_view, writeable
 from modalshell.core.typing import Array, Index, Mask
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.bending import clamp_line_hinges, hinge_weights
@@ -240,7 +240,8 @@ class ElementSum(ElasticEnergy):
             e, stencils=np.ascontiguousarray(e.stencils[hinges]), rest=e.rest[hinges], weight=e.weight[hinges]
         )
         change, slopes = np.empty(own.rest.size), np.empty((own.rest.size, 9))
-        fold_angles(x, own.stencils, own.rest, change, slopes)
+        # As the energy of shell theory has them: the kernel is compiled once.
+        fold_angles(writeable(x), writeable(own.stencils), own.rest, change, slopes)
         return own, change, slopes
 
     def fold_couples(self, x: Array, hinges: Index) -> Array:

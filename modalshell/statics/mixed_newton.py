@@ -20,10 +20,10 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import types
 from numba.extending import overload, register_jitable
 
 from modalshell.core.typing import Array
+from modalshell.kernels.by_reference import record_of
 from modalshell.kernels.compiler import COUNTED, UNCOUNTED
 from modalshell.kernels.linked import LINKED
 
@@ -151,9 +151,7 @@ def operation_of(record: type, operation: Callable[..., Any], **options: Any) ->
 
     def register(function: Any) -> Any:
         def choose(problem: Any, *_: Any) -> Any:
-            named = types.NamedTuple | types.NamedUniTuple  # the latter where all parts are of one kind
-            of_record = isinstance(problem, named) and problem.instance_class is record
-            return function if of_record else None
+            return function if record_of(problem) is record else None
 
         overload(operation, jit_options=LINKED | COUNTED | options, strict=False)(choose)  # type: ignore[arg-type]
         return function

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numba import njit
 from scenes import folds, hinge_mesh, noisy
 from scipy.spatial.transform import Rotation
 
@@ -257,8 +258,13 @@ def test_projected_hessian_is_positive_semidefinite_and_above_the_exact_one(scen
 def test_convex_rows_bound_the_second_variation(name, sign):
     """Their sum of squares lies above 0 and above sign Hess g, and not above |Hess g| by more than a small factor."""
     kernel = KERNELS[name]
-    size = kernel.UNKNOWNS
+    size, convex_rows = kernel.UNKNOWNS, kernel.convex_rows
     triangle = np.tril_indices(size)
+
+    @njit
+    def convex(relative, sign, factors, squares, firsts, seconds, rows):  # only kernels can call it
+        convex_rows(*relative, sign, factors, squares, firsts, seconds, rows)
+
     for relative in np.random.default_rng(11).standard_normal((50, size)):
         gradient, packed = np.empty(size), np.empty(size * (size + 1) // 2)
         kernel.second_derivatives(*relative, gradient, packed)
@@ -267,7 +273,7 @@ def test_convex_rows_bound_the_second_variation(name, sign):
         squares, products = kernel.SQUARES, kernel.PRODUCTS
         work = [np.empty(squares), *(np.empty((count, size)) for count in (squares, products, products))]
         rows = np.empty((squares + products, size))
-        kernel.convex_rows(*relative, sign, *work, rows)
+        convex(tuple(relative), sign, *work, rows)
         kept = rows.T @ rows
         values, vectors = np.linalg.eigh(hessian)
         largest = np.abs(values).max()

@@ -105,7 +105,10 @@ def test_where_a_pivot_vanishes_or_supports_hold_single_directions_sparse_algebr
 def test_compiled_steps_hand_kernels_what_a_shell_does(kind):
     """Of the same kinds, for each of which a kernel is compiled anew."""
     shell = SHELLS[kind]()
-    elastic, (_, slots) = profile_step.profile_step(shell)._body.elastic, shell.elastic_energy.pattern(shell.unknowns)
+    elastic, (_, slots) = (
+        profile_step.profile_step(shell)._body.record.elastic,
+        shell.elastic_energy.pattern(shell.unknowns),
+    )
     if kind == "fold":
         assert typeof(elastic.slots) == typeof(slots[1])
         return

@@ -60,7 +60,8 @@ SHELLS = {
 def profile_hessian(shell, x):
     """Hessian by free positions (N, N), in the order of the vertices: assembled in a profile, shares condensed."""
     step = profile_step(shell)
-    body, own, profile = step._body, make_room(step._body).elastic, numbering_of(shell).profile
+    body, profile = step._body.record, numbering_of(shell).profile
+    own = make_room(body).elastic
     folds, values = body.elastic, body.elastic.shares.copy()
     own.points[: len(x)] = x
     fold_angles(own.points, folds.hinges, folds.angles, own.angles, own.slopes)
@@ -98,7 +99,7 @@ def test_the_hessian_in_the_profile_is_the_shells(name):
 def test_its_arrays_are_of_the_types_that_the_shells_own_are(name):
     """Kernels that the shell has compiled are not compiled once more for the step."""
     shell = SHELLS[name]()
-    forms, body = shell.elastic_energy.constant_forms(), profile_step(shell)._body
+    forms, body = shell.elastic_energy.constant_forms(), profile_step(shell)._body.record
     mine, factor = body.elastic, forms.shares.factor
     pairs = [(body.faces, shell.mesh.faces), (mine.membrane.edges, forms.edges)]
     if factor is not None:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from modalshell.core.typing import Array
+from modalshell.kernels.by_reference import by_reference
 from modalshell.kernels.compiler import UNCOUNTED, njit
 from modalshell.kernels.packed import LANES, dot, load, store
 from modalshell.kernels.packed import spread as everywhere
@@ -197,11 +198,11 @@ def _solve_near(body, room, lanczos, x):  # type: ignore[no-untyped-def]
 
 
 @njit(**_options)
-def check(body, rooms, lanczos, start, load, probe, early):  # type: ignore[no-untyped-def]
+def check(body, room, swapped, lanczos, start, load, probe, early):  # type: ignore[no-untyped-def]
     """Two mixed steps from ``start`` (n, 3), which are left in the room's ``x``, and the stability margin there.
 
-    ``rooms`` are the room, and the same with the two matrices in each other's place. ``probe`` (3b,) is where Lanczos
-    iterations start.
+    The records are :class:`~modalshell.kernels.by_reference.Placed`; ``swapped`` is the room with the two matrices in
+    each other's place. ``probe`` (3b,) is where Lanczos iterations start.
 
     If it may be ``early``, and the first step is short, a few iterations with its factor solve the second step, where
     they do. The margin is then found where the second step began, without another factor. By the first step's factor,
@@ -213,12 +214,11 @@ def check(body, rooms, lanczos, start, load, probe, early):  # type: ignore[no-u
     Returns the margin, not a number where a pivot vanishes or the first part is not definite; the Lanczos iterations,
     those of the second step with them; the factorisations; and passes over the elements without one.
     """
-    room = rooms[0]
     x, elastic, products, factors, passes, negative, near, short = room.x, body.elastic, 0, 0, 0, 0, 0, False
     write(start, x)
     write(load, room.push)
     still(room)
-    step = Step(body, room, body.rest, x, room.slots)
+    step = by_reference(Step(body, room, body.rest, x, room.slots))
     for stage in range(_AFTERWARDS + 1):  # a loop, as each place that calls a kernel is compiled anew
         if (stage == _BY_KEPT_FACTOR and not early) or (stage == _SECOND_STEP and near > 0):
             continue
@@ -257,7 +257,7 @@ def check(body, rooms, lanczos, start, load, probe, early):  # type: ignore[no-u
             short = _is_short(body, x, room.slots[START])
             ended = early and stage != _FIRST_STEP and negative == 0 and short
         if ended:
-            own = rooms[1 if stage == _SECOND_STEP else 0]
+            own = swapped if stage == _SECOND_STEP else room
             lowest, more = _lowest_ratio(body, own, lanczos, probe, stage == _BY_KEPT_FACTOR)
             products += more
             left = 1.0 / (1.0 - lowest) if stage == _SECOND_STEP else 1.0 + lowest

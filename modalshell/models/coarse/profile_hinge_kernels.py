@@ -39,7 +39,7 @@ def _add_square(given, element, vertices, deviation, slopes, matrix, gradient): 
                         values[slot + axis * strides[v] + other] += mine * slopes[3 * second + other]
 
 
-@njit(**_options)
+@njit(entry=False, **_options)
 def harden_triangles(x, given, rest, matrix, gradient):  # type: ignore[no-untyped-def]
     """Add the gradient of areas' energy, and the first part of its Hessian.
 
@@ -51,7 +51,7 @@ def harden_triangles(x, given, rest, matrix, gradient):  # type: ignore[no-untyp
         _add_square(given, element, 3, value - rest[element], slopes, matrix, gradient)
 
 
-@njit(**_options)
+@njit(entry=False, **_options)
 def harden_edges(x, given, rest, matrix, gradient):  # type: ignore[no-untyped-def]
     """The same of lengths."""
     slopes = np.empty(6)
@@ -60,7 +60,7 @@ def harden_edges(x, given, rest, matrix, gradient):  # type: ignore[no-untyped-d
         _add_square(given, element, 2, value - rest[element], slopes, matrix, gradient)
 
 
-@njit(**_options)
+@njit(entry=False, **_options)
 def harden_hinges(x, given, rest, matrix, gradient):  # type: ignore[no-untyped-def]
     """The same of fold angles."""
     slopes = np.empty(12)

@@ -12,6 +12,7 @@ import numpy as np
 
 from modalshell.core.typing import Array, Index
 from modalshell.kernels import rotations
+from modalshell.kernels.by_reference import by_reference
 from modalshell.kernels.compiler import UNCOUNTED, njit
 from modalshell.kernels.packed import LANES
 from modalshell.linalg.profile import factorise, solve, substitute_back
@@ -324,14 +325,14 @@ def _begin(body, room, start, load, dt):  # type: ignore[no-untyped-def]
 def implicit_step(body, room, start, load, dt, drag, tolerance):  # type: ignore[no-untyped-def]
     """One step of implicit Euler by mixed Newton [magisano2017], and descent where that fails.
 
-    ``drag`` is damping by the mass [1/s]. ``room.x`` is left at the positions after the step, or where the solver gave
-    up. Returns the number of factorisations, and whether the residual met the tolerance and the last Hessian was
-    positive definite.
+    Body and room are :class:`~modalshell.kernels.by_reference.Placed`, and ``drag`` is damping by the mass [1/s].
+    ``room.x`` is left at the positions after the step, or where the solver gave up. Returns the number of
+    factorisations, and whether the residual met the tolerance and the last Hessian was positive definite.
     """
     numbers = room.numbers
     numbers[_INERTIA], numbers[_DRAG] = 1.0 / (dt * dt) + drag / dt, 0.0
     scale = _begin(body, room, start, load, dt)
     numbers[_SCALE] = scale if scale > 0.0 else 1.0
-    step = Step(body, room, start.origin, room.x, room.slots)
+    step = by_reference(Step(body, room, start.origin, room.x, room.slots))
     found = solve_step(step, Rules(tolerance, tolerance, 0.0, _UNCHECKED, MOST))
     return found.iterations, found.solved

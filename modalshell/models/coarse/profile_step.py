@@ -8,7 +8,7 @@ SciPy nearly all is the interpreter's.
 from __future__ import annotations
 
 import functools
-from typing import Any, final
+from typing import Any, NamedTuple, final
 
 import numpy as np
 import scipy.sparse as sps
@@ -17,6 +17,7 @@ from modalshell.core.cost import count_elements, count_factorisation, count_solv
 from modalshell.core.thread_safety import PerThread, writeable
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.full.implicit_rule import EulerStart
+from modalshell.kernels.by_reference import Placed
 from modalshell.linalg import Profile, ProfileAnalysis
 from modalshell.models.coarse.profile_check import check, make_lanczos
 from modalshell.models.coarse.profile_folds import folds_of
@@ -49,7 +50,7 @@ class ProfileStep:
         self._unknowns, self._products = profile.size, profile.products
         free = shell.free[np.argsort(place[shell.free])]
         # Writeable copies, as kernels are compiled for one kind of argument alone; faces are read-only everywhere.
-        self._body = Body(
+        body = Body(
             shell.rest_positions.copy(),
             shell.mesh.moment_length,
             shell.mesh.faces,
@@ -61,8 +62,9 @@ class ProfileStep:
             np.where(place >= 0, profile.strides[place], 0),
             elastic,
         )
-        self._room = PerThread(functools.partial(make_room, self._body))
-        self._lanczos = PerThread(functools.partial(make_lanczos, self._body))
+        self._body = Placed(body)
+        self._damping = PerThread(self._body.copied)
+        self._rooms = PerThread(functools.partial(_make_rooms, body))
         self._probe = np.zeros(3 * profile.first.size)
         self._probe[(3 * place[shell.free][:, None] + np.arange(3)).ravel()] = probe(3 * shell.free.size)
 
@@ -75,14 +77,15 @@ class ProfileStep:
         one of few iterations, which has gone down no way of its own to one of several minima; others are not solved.
         """
         # Writeable, as above: a shell's positions at rest are not.
-        begin, room = Start(*map(writeable, (start.origin, start.rates, start.near))), self._room()
+        begin, rooms = Start(*map(writeable, (start.origin, start.rates, start.near))), self._rooms()
         body, load = self._damped(start, load, damping.stiffness_factor)
-        if body is not self._body:
+        room, other = rooms.room.record, body is not self._body
+        if other:
             room.elastic.forget()
-        iterations, solved = implicit_step(body, room, begin, load, start.dt, damping.mass_factor, tolerance)
-        if body is not self._body:
+        iterations, solved = implicit_step(body, rooms.room, begin, load, start.dt, damping.mass_factor, tolerance)
+        if other:
             room.elastic.forget()
-        count_elements(3 * (iterations + 1) * self._body.elastic.evaluated)  # gradient, Hessian and stresses
+        count_elements(3 * (iterations + 1) * self._body.record.elastic.evaluated)  # gradient, Hessian and stresses
         count_factorisation(self._unknowns, iterations, self._products)
         count_solves(self._unknowns, iterations)
         return room.x.copy(), bool(solved) and (iterations <= _STRAIGHT or not straight)
@@ -94,24 +97,39 @@ class ProfileStep:
         allow it, under ``load`` (n, 3) [N]. The margin may be an ``early`` one, that before the second step, where this
         is short: for half the work, to a tenth of what stresses take.
         """
-        room, lanczos = self._room(), self._lanczos()
-        rooms = room, room._replace(values=room.second, second=room.values)
-        given = lanczos, writeable(x), writeable(load), self._probe, early
-        margin, products, factors, passes = check(self._body, rooms, *given)
+        rooms = self._rooms()
+        given = writeable(x), writeable(load), self._probe, early
+        margin, products, factors, passes = check(self._body, *rooms, *given)
         # With each factor gradients, Hessians, geometric part and stresses.
-        count_elements((2 * factors + passes) * self._body.elastic.evaluated)
+        count_elements((2 * factors + passes) * self._body.record.elastic.evaluated)
         count_factorisation(self._unknowns, factors, self._products)
         count_solves(self._unknowns, 3 + products)  # Lanczos solves once more than it multiplies
-        return (room.x.copy(), float(margin)) if np.isfinite(margin) else None
+        return (rooms.room.record.x.copy(), float(margin)) if np.isfinite(margin) else None
 
-    def _damped(self, start: EulerStart, load: Array, factor: float) -> tuple[Body, Array]:
+    def _damped(self, start: EulerStart, load: Array, factor: float) -> tuple[Placed, Array]:
         """The body whose energy is what damping makes of its own in a step, and the load; both over one factor."""
         if not (factor or self._shell.has_dashpots):
             return self._body, load
         shell = self._shell
         begun = start.damping_measures(lambda _, state: shell.changes(state.coordinates), shell.elastic_energy.periods)
-        elastic, whole = self._body.elastic.damped(shell.damped(begun, factor, start.dt))
-        return self._body._replace(mass=self._body.mass / whole, elastic=elastic), load / whole
+        body, changed = self._body.record, self._damping()
+        elastic, whole = body.elastic.damped(shell.damped(begun, factor, start.dt))
+        changed.take(body._replace(mass=body.mass / whole, elastic=elastic), self._body)
+        return changed, load / whole
+
+
+class _Rooms(NamedTuple):
+    """Where a thread's steps write: a room, the same with its two matrices in each other's place, and Lanczos's."""
+
+    room: Placed
+    swapped: Placed
+    lanczos: Placed
+
+
+def _make_rooms(body: Body) -> _Rooms:
+    room = make_room(body)
+    placed, swapped = Placed(room), room._replace(values=room.second, second=room.values)
+    return _Rooms(placed, Placed(swapped), Placed(make_lanczos(body)))
 
 
 def profile_step(shell: Shell, most: float = _PRODUCTS) -> ProfileStep | None:

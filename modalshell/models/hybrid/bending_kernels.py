@@ -127,7 +127,7 @@ def _push(forces, a, b, c, d, axis, on_edge, on_way, foot, height, other_foot, o
     forces[a + axis] -= on_edge + here + there
 
 
-@njit(**_options)
+@njit(entry=False, **_options)
 def add_bent(bending, z, first, strains, gradient, room):  # type: ignore[no-untyped-def]
     """Add the gradient of the bent hinges' energy, whose strains begin with the ``first``.
 

@@ -17,7 +17,7 @@ from modalshell.models.hybrid.dense_kernels import add_rows, multiply, width_of,
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "nogil": True} | UNCOUNTED
 
 
-@njit(**_options)
+@njit(entry=False, **_options)
 def quadratic(form, z, strains, slopes, room):  # type: ignore[no-untyped-def]
     """Write the ``d_k`` and their slopes, rows of the length of ``z`` (width,); one pass over the numbers.
 

@@ -98,7 +98,7 @@ def _deviation(value, rest):
     return elements.principal(value - rest) if PERIODIC else value - rest
 
 
-@njit(**elements.OPTIONS)
+@njit(entry=False, **elements.OPTIONS)
 def convex_rows(e_x, e_y, e_z, sign, factors, squares, firsts, seconds, rows):
     """Rows r (SQUARES + PRODUCTS, UNKNOWNS) whose ``sum r r^T`` is the part of ``sign Hess g`` to keep."""
     split_hessian(e_x, e_y, e_z, factors, squares, firsts, seconds)
