@@ -32,6 +32,9 @@ _PATCHES = 24
 _MEASURED_DEPTH = 5
 """Rings inside the boundary from which the free rim no longer changes what a patch measures."""
 
+_CLOSES, _ALONG = 0.01, 0.1
+"""Mean normal of a surface that closes around an axis, and the most of a normal along that."""
+
 
 @dataclass(frozen=True)
 class BendingConstants:
@@ -45,6 +48,8 @@ class BendingConstants:
     """As ``wide`` for bending across the direction; NaN where the mesh has no direction or is too coarse to measure."""
     ends: tuple[float, ...] = ()
     """As ``narrow``, measured on a flat strip clamped at either end; empty where no end could be measured."""
+    around: float = np.nan
+    """As ``narrow`` for bending around a ring, whose other constants are means over directions; NaN of others."""
 
 
 def hinge_weights(mesh: TriangleMesh) -> Array:
@@ -125,7 +130,7 @@ def bending_constants(mesh: TriangleMesh, direction: ArrayLike | None = None) ->
     if len(mesh.hinges) == 0:
         raise MaterialError("a mesh without interior edges has no hinges and cannot bend (got 0 hinges); refine it")
     orientation = orient(mesh, direction)
-    axis = orientation.axis
+    axis, around = orientation.axis, np.nan
     tensor = _relaxed_tensor(mesh, axis)
     if np.linalg.matrix_rank(tensor) < 3:
         raise MaterialError(
@@ -139,6 +144,8 @@ def bending_constants(mesh: TriangleMesh, direction: ArrayLike | None = None) ->
         sphere = tensor[0, 0] + tensor[1, 1] + 2.0 * tensor[0, 1]
         poisson = sphere / (2.0 * wide) - 1.0
         narrow = wide * (1.0 - poisson**2)
+        if (ring := _ring_axis(mesh)) is not None:
+            around = float(1.0 / np.linalg.inv(_relaxed_tensor(mesh, ring))[1, 1])
     ends: tuple[float, ...] = ()
     if orientation.flat and orientation.elongated and not orientation.named:
         ends = _cantilever(mesh, axis)
@@ -148,7 +155,15 @@ def bending_constants(mesh: TriangleMesh, direction: ArrayLike | None = None) ->
         else:
             ends = ()
     across = float(tensor[1, 1]) if axis.any() and deepest_ring(mesh) >= _MEASURED_DEPTH else np.nan
-    return BendingConstants(float(wide), float(narrow), across, ends)
+    return BendingConstants(float(wide), float(narrow), across, ends, around)
+
+
+def _ring_axis(mesh: TriangleMesh) -> Array | None:
+    """Unit axis (3,) of a mesh that closes around one, all triangles nearly along it; None of others."""
+    normals, shares = mesh.face_normals, mesh.face_areas / mesh.area
+    axis = np.asarray(np.linalg.eigh(np.einsum("t,ti,tj->ij", shares, normals, normals))[1][:, 0])
+    closes = np.linalg.norm(shares @ normals) < _CLOSES
+    return axis if closes and np.abs(normals @ axis).max() < _ALONG else None
 
 
 def deepest_ring(mesh: TriangleMesh) -> int:

@@ -24,6 +24,8 @@ _DIMPLE = 5.0
 """Area of a cell over thickness times length above which flat strips of other triangles are over 5 % too stiff."""
 _ACROSS = 1.25
 """Ratio of the stiffnesses along and across above which a plate is not isotropic."""
+_AROUND = 0.95, 1.05
+"""Stiffness of a ring around its axis over what is asked, outside which that is said."""
 _SLIVERS = 3.0
 """Stiffness of a plate over that of a narrow strip from which thin triangles rule the constants; sound meshes: 1.8."""
 _STRETCHED, _STRETCHED_DIMPLE = 0.8, 0.2
@@ -66,6 +68,7 @@ def calibration_doubts(
     spread = abs(first - last) / (first + last)
     cells = mesh.area / orientation.length / float(mesh.edge_lengths.mean())
     slivers, across = constants.wide / constants.narrow, constants.across / constants.wide
+    around = constants.around / (constants.narrow if narrow else constants.wide)
     doubts = [
         Doubt(
             orientation.elongated and not orientation.flat and poisson < _POISSON and not equilateral,
@@ -100,6 +103,11 @@ def calibration_doubts(
             slivers > _SLIVERS,
             "triangles that are long and low have hinges so stiff that they rule the mean: a plate would be "
             f"{slivers:.2g} times as stiff as a narrow strip; take them away ({REPAIR} does from an aspect of 1e4)",
+        ),
+        Doubt(
+            np.isfinite(around) and not _AROUND[0] <= around <= _AROUND[1],
+            "a closed ring is calibrated on the mean over directions, and bends around its axis about "
+            f"{around:.2f} times as stiffly as asked, off still more where few triangles are across",
         ),
         Doubt(
             not narrow and np.isfinite(across) and not 1.0 / _ACROSS <= across <= _ACROSS,

@@ -6,7 +6,18 @@ import warnings
 import numpy as np
 import pytest
 
-from modalshell import Isotropic, Material, Shell, TriangleMesh, cylinder_panel, flat_beam, leaf, sheet, v_beam
+from modalshell import (
+    Isotropic,
+    Material,
+    Shell,
+    TriangleMesh,
+    cylinder_panel,
+    flat_beam,
+    leaf,
+    sheet,
+    solve_modes,
+    v_beam,
+)
 from modalshell.core.errors import ModalShellWarning
 
 
@@ -109,6 +120,30 @@ def test_one_thin_triangle_that_rules_the_constants_is_said():
     with pytest.warns(ModalShellWarning) as caught:
         calibrate(TriangleMesh(np.vstack((mesh.vertices, point)), faces), 0.3, 1e-2)
     assert any("long and low" in str(warning.message) and "--repair" in str(warning.message) for warning in caught)
+
+
+@pytest.mark.parametrize(("round_it", "across", "off"), [(48, 2, 0.02), (96, 2, 0.07), (96, 4, 0.06)])
+def test_a_ring_is_calibrated_on_a_mean_that_is_not_its_own(round_it, across, off):
+    """Its lowest frequency by Hoppe is (n^2 (n^2 - 1)^2 / (n^2 + 1) EI / (m R^4))^(1/2) with n = 2."""
+    radius, width, thickness, young, density = 0.2, 0.02, 2e-3, 7e10, 2700.0
+    x, turn = np.meshgrid(np.linspace(0.0, width, across + 1), np.arange(round_it) * 2.0 * np.pi / round_it)
+    vertices = np.stack([x.T, radius * np.cos(turn.T), radius * np.sin(turn.T)], axis=-1).reshape(-1, 3)
+    faces = []
+    for i, j in np.ndindex(across, round_it):
+        a, b = i * round_it + j, i * round_it + (j + 1) % round_it
+        c, d = a + round_it, b + round_it
+        faces += [(a, c, b), (b, c, d)] if (i + j) % 2 else [(a, c, d), (a, d, b)]
+    mesh, sizes = TriangleMesh(vertices, faces), {"young": young, "thickness": thickness, "density": density}
+    with pytest.warns(ModalShellWarning, match=r"closed ring .* times as stiffly") as caught:
+        hinges = Material.from_physical(poisson=0.0, mesh=mesh, **sizes)
+    exact = np.sqrt(36.0 / 5.0 * young * thickness**2 / 12.0 / (density * radius**4)) / (2.0 * np.pi)
+    lowest = [
+        solve_modes(Shell(mesh, of), 8).frequencies[6] / exact for of in (hinges, Isotropic(poisson=0.0, **sizes))
+    ]
+    said = float(re.search(r"about ([\d.]+) times", str(caught[0].message))[1])
+    assert lowest[0] < 0.9
+    assert lowest[0] == pytest.approx(np.sqrt(said), abs=off)
+    assert abs(lowest[1] - 1.0) < 0.01
 
 
 @pytest.mark.by_default("two neighbours")
