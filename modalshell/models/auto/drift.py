@@ -30,6 +30,8 @@ _FARTHEST = 1.25
 """Share of the coordinates of a check up to which its errors are taken to grow: further on they are as they were."""
 _TINY, _SLOW = 1e-300, 1e-3
 """Least eigenvalue [1/s^2] that is divided by, and angle of a mode between two frames."""
+_FAR = 0.5
+"""Distance from rest, over that of the check that is known, from which another one takes its place."""
 _SEEN = 2.0
 """Angle ``omega h`` of a mode between two frames up to which three of them tell its acceleration."""
 
@@ -71,7 +73,8 @@ class Drift:
 
         ``at`` are the coordinates (m,) of the last two frames. What the check finds otherwise than was taken has not
         come at once: errors stay as far from s as they were. But the first one after a switch finds what the level has
-        brought: errors stay as they were.
+        brought: errors stay as they were. One much nearer to rest than the last, which tells less of how s grows, does
+        not take its place.
         """
         ((before, x, after), corrected), (middle, end) = seen, at
         with np.errstate(over="ignore", invalid="ignore"):
@@ -80,6 +83,8 @@ class Drift:
         missing[self._stiffness * dt**2 > _SEEN**2] = 0.0
         if not np.isfinite(missing).all():
             missing = np.zeros_like(missing)
+        if not first and _tells_less(middle, rows[4]):  # as in the middle of a swing
+            missing, middle = rows[3], rows[4]
         present = kernel.share_of(middle, end, _FARTHEST) ** power * missing
         error = rows[0] if first else rows[0] + present - rows[2]
         return np.stack([error, rows[1], present, missing, middle])
@@ -113,3 +118,8 @@ class Drift:
         """How far the motion is off [kg^(1/2) m] beyond the present s, at the largest of the vibration that this is."""
         gap, rate = rows[0] - rows[2], rows[1]
         return math.sqrt(gap @ gap + rate @ (rate / self._stiffness))
+
+
+def _tells_less(q: Array, known: Array) -> bool:
+    """Whether a check at coordinates q (m,) tells less of how errors grow than that at the ``known`` ones (m,)."""
+    return bool(q @ q < _FAR**2 * (known @ known))
