@@ -283,16 +283,23 @@ class MotionCheck(BalancedBars):
 
 
 def bar_at_largest(
-    times: Array, frames: NDArray[np.floating], shell: Shell, loading: Loading, damping: Damping
+    times: Array,
+    frames: NDArray[np.floating],
+    shell: Shell,
+    loading: Loading,
+    damping: Damping,
+    supports: SupportPath | None = None,
 ) -> tuple[float, ErrorBar] | None:
-    """Time [s] and bar of the frame of largest displacement, supports at rest; None of motions of under three frames.
+    """Time [s] and bar of the frame of largest displacement; None of motions of under three frames.
 
     OptionError for a shell that its supports do not hold.
     """
     if len(times) < 3:
         return None
-    check = MotionCheck(shell, loading, damping, estimator=ErrorEstimator(shell))  # one bar is not worth compiling
-    moved = [check.moved(check.own(0.0, frame)) for frame in frames[1:-1]]
+    check = MotionCheck(
+        shell, loading, damping, supports, estimator=ErrorEstimator(shell)
+    )  # one bar is not worth compiling
+    moved = [check.moved(check.own(float(at), x)) for at, x in zip(times[1:-1], frames[1:-1], strict=True)]
     k = 1 + int(np.argmax(moved))
     around = slice(k - 1, k + 2)
     return float(times[k]), check.bar(times[around], np.asarray(frames[around], dtype=np.float64))
