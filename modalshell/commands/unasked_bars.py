@@ -27,8 +27,8 @@ def has_bar(scene: ShellScene, shell: ms.Shell) -> bool:
 def error_as_text(scene: ShellScene, shell: ms.Shell, run: ms.Trajectory, advice: str) -> list[str]:
     """How far an equilibrium, or a motion where it is largest, is from DS, and an ``advice`` where that is far.
 
-    Nothing of what has no bar, or of motions in contact, under constraints and of modal damping, where one takes more
-    than the frames that are stored. Bars that were asked for stand elsewhere.
+    Nothing of what has no bar, or of motions with friction, under constraints and of modal damping, where one takes
+    more than the frames that are stored. Bars that were asked for stand elsewhere.
     """
     if not has_bar(scene, shell) or run.outcome in (ms.Outcome.DIVERGED, ms.Outcome.RUNS_AWAY):
         return []
@@ -57,9 +57,9 @@ def _found(scene: ShellScene, shell: ms.Shell, run: ms.Trajectory) -> tuple[str,
     except ms.OptionError:  # such an equilibrium has none
         return None
     damping = build_damping(scene.motion)
-    if contacts or constraints or damping.ratios:
+    if constraints or damping.ratios or any(contact.rough for contact in contacts):
         return None
-    found = bar_at_largest(run.times, run.positions, shell, loading, damping, path)
+    found = bar_at_largest(run.times, run.positions, shell, loading, damping, path, contacts)
     levels = dict(zip(run.times.tolist(), run.levels, strict=False))
     if found is None or levels.get(found[0]) == MODELS[TRUTH].name:  # auto may have that frame of DS
         return None

@@ -20,6 +20,14 @@ modes = 4
 """
 )
 
+MOTION_ON_A_PLANE = """[motion]
+duration = 0.5
+[[contacts]]
+kind = "plane"
+offset = -0.2
+normal = [0.0, 0.0, 1.0]
+"""
+
 
 def run_main(*arguments):
     with pytest.raises(SystemExit) as ended:
@@ -81,6 +89,7 @@ def test_without_a_bar_nothing_is_stored(tmp_path):
         (-38.0, "", "void: the answer is near the end of its branch"),
         (-2.0, "", "% from DS"),
         (-60.0, "[motion]\nduration = 0.5\n", "at its largest displacement, at 0."),
+        (-50.0, MOTION_ON_A_PLANE, "at its largest displacement, at 0."),
     ],
 )
 def test_run_says_how_far_it_is_from_ds_where_no_bar_is_asked_for(gravity, motion, said, tmp_path, capsys):
