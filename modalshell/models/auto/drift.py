@@ -49,7 +49,7 @@ class Drift:
     def __init__(self, basis: Basis, damping: Damping) -> None:
         self._stiffness, self._damp = np.maximum(basis.eigenvalues, _TINY), damping.of_modes(basis.eigenvalues)
         self._projection = basis.modes.T * np.repeat(basis.shell.mass, 3)
-        self._rest = basis.shell.rest_positions
+        self._rest, self._modes = basis.shell.rest_positions, basis.modes
         self._flow: tuple[float, Array, Array] | None = None
 
     def none(self) -> Array:
@@ -113,12 +113,10 @@ class Drift:
             errors = after.copy()
         return errors[:2]
 
-    @staticmethod
-    def share(rows: Array) -> float:
-        """How much of s errors have taken on: 1 where they follow it, as under a load that grows slowly."""
-        error, present = rows[0], rows[2]
-        size = float(present @ present)
-        return max(0.0, min(1.0, float(error @ present) / size)) if size > 0.0 else 0.0
+    def beyond(self, displacement: Array) -> Array:
+        """The part (n, 3) [m] of displacements (n, 3) [m] that no mode has."""
+        in_modes = self._modes @ (self._projection @ displacement.ravel())
+        return displacement - in_modes.reshape(-1, 3)
 
     def advanced(self, rows: Array, q: Array, dt: float, power: int) -> tuple[Array, float]:
         """The same after a step of ``dt`` [s] to coordinates q (m,), by a level that errs with a power of c; and size.
