@@ -80,10 +80,11 @@ class Drift:
         """The same after a check of the middle one of three frames (n, 3) [m], and where that leads (n, 3): ``seen``.
 
         ``at`` are the coordinates (m,) of the last two frames. Errors since the last check, or since the level began,
-        are taken again by what this one finds, from those that there were then. Where that is too long ago, what it
-        finds otherwise than was taken has not come at once: errors stay as far from s as they were; but as they were
-        where it is the ``first`` one after a switch. A check much nearer to rest than the last, which tells less of how
-        s grows, does not take its place.
+        are taken again by what this one finds, from those that there were then. Where that is too long ago, and of
+        the first check of a motion, whose frames may be those of a load that comes at once, what it finds otherwise
+        than was taken has not come at once: errors stay as far from s as they were; but as they were where it is the
+        ``first`` one after a switch. A check much nearer to rest than the last, which tells less of how s grows, does
+        not take its place.
         """
         ((before, x, after), corrected), (middle, end) = seen, at
         with np.errstate(over="ignore", invalid="ignore"):
@@ -97,7 +98,7 @@ class Drift:
         present = kernel.share_of(middle, end, _FARTHEST) ** power * missing
         after = np.zeros_like(rows)
         after[2:5] = present, missing, middle
-        if 0 < rows[_STEPS, 0] <= _MOST_STEPS:
+        if (first or rows[4].any()) and 0 < rows[_STEPS, 0] <= _MOST_STEPS:
             after[:2] = self._again(rows, after[2:5], dt, power)
         else:
             after[:2] = rows[0] if first else rows[0] + present - rows[2], rows[1]
