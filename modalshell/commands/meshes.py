@@ -17,6 +17,7 @@ from rich.table import Table
 import modalshell as ms
 from modalshell.commands.choices import BUCKLES, SAG, YOUNG, Timing, assumed, hold_one_end, motion_as_text, softening
 from modalshell.commands.terminal import CONSOLE, end_with, progress, say
+from modalshell.commands.unasked_bars import error_as_text, has_bar
 from modalshell.core.checks import checked_count, checked_number
 from modalshell.core.units import LENGTHS
 from modalshell.files.atomic_io import make_folder
@@ -24,29 +25,22 @@ from modalshell.files.outputs import checked_target, refuse_foreign
 from modalshell.mesh.files import WRITABLE, Up, repair_mesh, up_as_text
 from modalshell.mesh.parts import chosen_part
 from modalshell.models.factory import MODE_COUNT
-from modalshell.models.motion_check import bar_at_largest
-from modalshell.models.registry import MODELS, TRUTH
+from modalshell.models.registry import TRUTH
 from modalshell.modes import model_basis
-from modalshell.modes.rigid import left_free
 from modalshell.motion.colouring import DISPLACEMENT
 from modalshell.render.content import DEFAULT_CAMERA, checked_direction
 from modalshell.run.results import Look
 from modalshell.run.run_shell import ShellRun
 from modalshell.scene import ShellScene, parse_scene
 from modalshell.scene.models import model_tables
-from modalshell.scene.parts import build_damping
 
 _OR_FILE = ", or a file with one number per triangle"
 _TIMING = Timing(2.0, 1.0 / 30.0, (0.5, 0.001))
 """Duration, time step and damping if none are given or chosen."""
 _FILM_RATE = 30.0
 """Frames a second of a film whose time step was chosen: small shells are shown slowed down, large ones sped up."""
-_MOST_VERTICES = 30_000
-"""Vertices of a shell up to which the error against DS is estimated without being asked for."""
 _LARGE = 20.0
 """Size [m] of meshes above which they are mostly of coordinates in mm."""
-_GOOD = 0.05
-"""Estimated error from which another model is named."""
 _OPTIONS = Path("options")
 """Stands for the file of the scene that options make."""
 _SAME = "young poisson thickness density component join unit modes gravity duration dt damping color camera"
@@ -265,30 +259,6 @@ def _name_options() -> Iterator[None]:
             raise ms.OptionError(_with_options(str(error))) from error
 
 
-def _has_bar(scene: ShellScene, shell: ms.Shell) -> bool:
-    """Whether answers get an error bar of their own accord: those of DS need none, and large ones would take long."""
-    return scene.model.spec.key != TRUTH and len(shell.mass) <= _MOST_VERTICES and not left_free(shell)
-
-
-def _error_as_text(scene: ShellScene, shell: ms.Shell, run: ms.Trajectory) -> list[str]:
-    """How far a motion is from DS where it is largest, and what to take instead, of equilibria too."""
-    if not _has_bar(scene, shell) or run.outcome in (ms.Outcome.DIVERGED, ms.Outcome.RUNS_AWAY):
-        return []
-    if run.bars is not None:
-        good, text = bool(run.bars.valid[0] and run.bars.displacement[0] <= _GOOD), ""
-    else:
-        assert scene.motion is not None
-        loading = shell.loading(scene.gravity)
-        found = bar_at_largest(run.times, run.positions, shell, loading, build_damping(scene.motion))
-        levels = dict(zip(run.times.tolist(), run.levels, strict=False))
-        if found is None or levels.get(found[0]) == MODELS[TRUTH].name:  # auto may have that frame of DS
-            return []
-        good = found[1].valid and found[1].displacement <= _GOOD
-        text = f"at its largest displacement, at {found[0]:.3g} s: {found[1]}"
-    advice = "" if good else f"take --model {TRUTH}"
-    return ["; ".join(part for part in (text, advice) if part)] if text or advice else []
-
-
 @_name_options()
 def simulate(
     mesh: MeshPath,
@@ -331,7 +301,7 @@ def simulate(
         raise ms.OptionError(f"--still must be a time of the film, from 0 to {last:g} s (got {look.still:g})")
     scene = replace(options.scene(mesh, built_mesh, tables), name=name)
     built = scene.build_shell(built_mesh)
-    scene = replace(scene, bar=moved.static and _has_bar(scene, built))
+    scene = replace(scene, bar=moved.static and has_bar(scene, built))
     say(f"{mesh}: {len(built.mesh.vertices)} vertices, {len(built.mesh.faces)} triangles, {built.clamped.sum()} held")
     if description:
         say(f"{mesh}: {description}")
@@ -346,7 +316,7 @@ def simulate(
     say(f"{spec}: {result.summary}")
     if built.clamped.any():
         say(f"{spec}: {motion_as_text(result.trajectory, built.mesh.size)}")
-        for line in _error_as_text(scene, built, result.trajectory):
+        for line in error_as_text(scene, built, result.trajectory, f"take --model {TRUTH}"):
             say(f"{spec}: {line}")
     say(*result.files, sep="\n")
     end_with(result.outcome)

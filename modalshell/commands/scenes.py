@@ -13,14 +13,17 @@ from cyclopts import Parameter
 import modalshell as ms
 from modalshell.commands.pages import scene_page
 from modalshell.commands.terminal import end_with, progress, say
+from modalshell.commands.unasked_bars import error_as_text
 from modalshell.core.checks import shortened, shown
 from modalshell.core.errors import FileFormatError
 from modalshell.core.typing import Array
 from modalshell.files.atomic_io import make_folder, read_npz, write_record
 from modalshell.files.outputs import checked_target, refuse_foreign
 from modalshell.files.regular import read_text
+from modalshell.models.registry import TRUTH
 from modalshell.page.drape import drape_page
 from modalshell.run.path_files import scene_path, write_path
+from modalshell.scene import ShellScene
 from modalshell.scene.parts import input_files
 from modalshell.shell.energies_of import unit_of_constant
 from modalshell.viewer import attach as follow_run
@@ -120,9 +123,16 @@ def run(
 
     Example: modalshell run studies/scenes/leaf_wind.toml --out results
     """
+    declared = ms.load_scene(scene)
     with progress(f"{scene.stem} steps") as on_step:
-        result = ms.run_scene(scene, out=out, color=color, restart=restart, on_step=on_step)
-    say(f"{result.files[0].stem}: {result.summary}", *result.files, sep="\n")
+        result = ms.run_scene(declared, out=out, color=color, restart=restart, on_step=on_step)
+    name = result.files[0].stem
+    say(f"{name}: {result.summary}")
+    if isinstance(declared, ShellScene) and isinstance(result, ms.SceneResult):
+        advice = f'take name = "{TRUTH}" in [model], or auto'
+        for line in error_as_text(declared, declared.build_shell(), result.trajectory, advice):
+            say(f"{name}: {line}")
+    say(*result.files, sep="\n")
     end_with(result.outcome)
 
 

@@ -26,6 +26,7 @@ from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.hybrid.assumed_stress import ReducedStress, StressPotential, measures_of, reduce_energy
 from modalshell.models.hybrid.coarse_states import CoarseShape, states_of
 from modalshell.models.hybrid.compliance import LinearCompliance
+from modalshell.models.hybrid.farthest import Farthest
 from modalshell.models.hybrid.reduced_shell import ReducedShell
 from modalshell.models.hybrid.slopes import STEP, differences, forces_by_constants
 from modalshell.models.hybrid.stated_error import coarse_errors, next_to_snap, stated
@@ -48,10 +49,10 @@ class HybridStress(OnCoarse):
     m trained stress states, so a basis that misses positions by a little does not lock; see
     :mod:`modalshell.models.hybrid.assumed_stress`. Loads whose linear answer the model does not have, states whose
     membrane the stresses do not see, and steps that fail are handed to :class:`CoarseDiscreteShell`, and taken back
-    when they may be. So are states that a contact presses on: training knows no contact forces. Damping by the
-    stiffness has trained stresses of its own: those that resist the strains' rates, by which frames that turn the shell
-    far are damped most. Parts without supports fly in frames of their own, trained on their shapes in these.
-    ``residual`` of statics is the reduced gradient over the load's, each coordinate's over the root of its stiffness.
+    when they may be; so are states that a contact presses on. Damping by the stiffness has trained stresses of its own:
+    those that resist the strains' rates, by which frames that turn the shell far are damped most. Parts without
+    supports fly in frames of their own. Motions beyond training, or next to a snap, say so at their end. ``residual``
+    of statics is the reduced gradient over the load's, each coordinate's over the root of its stiffness.
 
     Use :meth:`trained` or :meth:`load`.
 
@@ -94,6 +95,7 @@ class HybridStress(OnCoarse):
         self._scaling = force_scaling(own)
         little = 2.0 * SMALL * trained.energy if self.flight.count else None
         self._compliance = LinearCompliance(coarse, trained.basis, own, little)
+        self._farthest = Farthest(self._statics(np.zeros(size)), trained.energy, self.flight.count)
 
     def _about(self) -> None:
         """Make what knows where the shells are."""
@@ -244,6 +246,10 @@ class HybridStress(OnCoarse):
         """Hessian of the energy, that of hinges with a rest angle without their second derivatives."""
         return self._statics(np.zeros_like(z)).linearise(z, EXACT)[1]
 
+    def account(self, state: MotionState) -> str:
+        """That a motion went beyond the energies of training, or came next to a snap."""
+        return self._farthest.account(state)
+
     def _energy(self, z: Array) -> tuple[float, Array]:
         """Energy [J] and its gradient."""
         return self._statics(np.zeros_like(z)).potential(z)
@@ -285,12 +291,11 @@ class HybridStress(OnCoarse):
         """
         flight = self.flight
         if positions is None:
-            return self.integrator.at_rest(flight.whole(np.zeros(self._basis.shape[1])))
-        given = self.shell.checked_positions(positions)
-        q = flight.start(given)
+            return self._farthest.begun(self.integrator.at_rest(flight.whole(np.zeros(self._basis.shape[1]))))
+        q = flight.start(given := self.shell.checked_positions(positions))
         if flight.count and not (self._shape.near(given, q, flight) and self._moving.sees_state(q[flight.count :])):
-            return self.coarse.start_motion(given)
-        return self.integrator.at_rest(q)
+            return self._farthest.begun(self.coarse.start_motion(given))
+        return self._farthest.begun(self.integrator.at_rest(q))
 
     def step(
         self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
@@ -299,7 +304,9 @@ class HybridStress(OnCoarse):
         after = None
         if type(self.integrator) is BDF2 and state.coordinates.ndim == 1 and not self.flight.count:
             after = self._moving.bdf2_step(state, dt, load, damping)
-        return super().step(state, dt, load, damping, held) if after is None else (after, True)
+        if after is None:
+            return super().step(state, dt, load, damping, held)
+        return self._farthest.seen(state, after), True
 
     def march(self, state: MotionState, dt: float, load_at: LoadAt, damping: Damping) -> tuple[MotionState, bool]:
         """Steps in the coordinates, or of the coarse shell's positions (k, 3) where that must be."""
@@ -307,8 +314,9 @@ class HybridStress(OnCoarse):
             steps = self.flight.steps(self, (reduced, dt), load_at, damping)
             after, solved = self.integrator.march(steps, reduced, dt)
             if solved:
-                return self._states.landed(state, reduced, after), True
-        return self.coarse.march(self.as_coarse(state), dt, load_at, damping)
+                return self._farthest.seen(state, self._states.landed(state, reduced, after)), True
+        after, solved = self.coarse.march(self.as_coarse(state), dt, load_at, damping)
+        return self._farthest.seen(state, after), solved
 
     @property
     def on_coarse(self) -> CoarseDiscreteShell:

@@ -283,16 +283,30 @@ class MotionCheck(BalancedBars):
 
 
 def bar_at_largest(
-    times: Array, frames: NDArray[np.floating], shell: Shell, loading: Loading, damping: Damping
+    times: Array,
+    frames: NDArray[np.floating],
+    shell: Shell,
+    loading: Loading,
+    damping: Damping,
+    supports: SupportPath | None = None,
+    contacts: Sequence[Contact] = (),
 ) -> tuple[float, ErrorBar] | None:
-    """Time [s] and bar of the frame of largest displacement, supports at rest; None of motions of under three frames.
+    """Time [s] and bar of the frame of largest displacement, with contacts without friction.
 
-    OptionError for a shell that its supports do not hold.
+    None of motions of under three frames, and of a frame that contacts keep from being judged. OptionError for a shell
+    that its supports do not hold.
     """
     if len(times) < 3:
         return None
-    check = MotionCheck(shell, loading, damping, estimator=ErrorEstimator(shell))  # one bar is not worth compiling
-    moved = [check.moved(check.own(0.0, frame)) for frame in frames[1:-1]]
+    touching = None
+    if contacts:
+        from modalshell.contact.motion_bar import TouchingFrames  # not without contacts
+
+        touching = TouchingFrames(shell, contacts, supports)
+    estimator = ErrorEstimator(shell)  # one bar is not worth compiling
+    check = MotionCheck(shell, loading, damping, supports, estimator=estimator, touching=touching)
+    moved = [check.moved(check.own(float(at), x)) for at, x in zip(times[1:-1], frames[1:-1], strict=True)]
     k = 1 + int(np.argmax(moved))
     around = slice(k - 1, k + 2)
-    return float(times[k]), check.bar(times[around], np.asarray(frames[around], dtype=np.float64))
+    bar = check.bar(times[around], np.asarray(frames[around], dtype=np.float64))
+    return None if check.unjudged else (float(times[k]), bar)

@@ -377,7 +377,7 @@ def test_auto_is_not_told_to_take_what_it_took(capsys, tmp_path, monkeypatch):
     """Frames that show a motion too fast for them give a bar, even of DS, that says nothing of it."""
     ms.save_mesh(ms.cylinder_panel(length=0.4, radius=0.08, angle=300.0, cells=(8, 12)), tmp_path / "tube.obj")
     arguments = ["simulate", tmp_path / "tube.obj", "--clamp", "x < 0.01", "--duration", "0.2", "--out", tmp_path]
-    monkeypatch.setattr("modalshell.commands.meshes._GOOD", -1.0)
+    monkeypatch.setattr("modalshell.commands.unasked_bars._GOOD", -1.0)
     status, out, err = run(capsys, *arguments, "--model", "auto")
     assert status == 0, err
     assert "steps by DS 100 %" in out

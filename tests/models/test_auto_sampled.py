@@ -208,7 +208,7 @@ def test_a_motion_checked_on_a_coarse_shell_resumes_to_the_same_bits(fine, coars
     whole, resumed = (Motion(model, loading, dt=setting["dt"]) for _ in range(2))
     for step in range(60):
         whole.advance()
-        if step >= 45 and not resumed.count and whole.state.memory["agreed"][2] > 0.0:
+        if step >= 20 and not resumed.count and whole.state.memory["agreed"][2] > 0.0:
             resumed.restore(whole.snapshot())
     assert resumed.count
     while resumed.count < whole.count:

@@ -82,3 +82,40 @@ def test_the_errors_are_kept_in_the_archive(fine, tmp_path):
     hybrid.save(tmp_path / "trained.npz")
     read = ms.HybridStress.load(tmp_path / "trained.npz", fine, hybrid.coarse.coarse.shell)
     np.testing.assert_array_equal(read.coarse_errors, hybrid.coarse_errors)
+
+
+def test_motions_beyond_the_energies_of_training_say_so():
+    """Half of the load's motion is like those of training; that of three times the load has nine times its energy."""
+    mesh = ms.sheet(length=0.5, width=0.2, cells=(6, 2))
+    shell = ms.Shell(mesh, ms.Isotropic(young=1e9, poisson=0.3, thickness=1e-3, density=900.0), "x < 1e-9")
+    hybrid = ms.HybridStress.trained(shell, gravity=(0, 0, -2), motions=24)
+    setting = {"duration": 1.0, "dt": 1.0 / 60.0, "damping": (1.0, 0.0)}
+    said = [ms.simulate(hybrid, **setting, gravity=(0, 0, -2 * share)).message for share in (0.5, 3.0)]
+    assert "of training" not in said[0]
+    assert re.search(r"its elastic energy was up to [\d.]+ times the largest of training", said[1])
+    swinging = ms.Scaled(ms.SelfWeight((0, 0, -6)), ([0.0, 0.5, 1.0], [0.0, 1.0, 0.0]))  # by another way of stepping
+    assert "of training" in ms.simulate(hybrid, **setting, loads=[swinging]).message
+
+
+@pytest.mark.slow
+def test_motions_that_come_next_to_a_snap_say_so():
+    """A panel whose load comes at once snaps below its limit load, and DS at other times: its bars are void there."""
+    panel = ms.cylinder_panel(length=1.0, radius=0.5, angle=60.0, cells=(16, 8))
+    shell = ms.Shell(panel, ms.Isotropic(young=1e8, poisson=0.3, thickness=6e-3, density=200.0), "x < 1e-3")
+    small = ms.coarse_shell(shell, ms.cylinder_panel(length=1.0, radius=0.5, angle=60.0, cells=(8, 4)))
+    limit = 23.8 * np.array([0.0, 0.3, -1.0])  # [m/s^2]
+    hybrid = ms.HybridStress.trained(shell, gravity=limit, coarse=small, motions=30, modes=32)
+    setting = {"duration": 0.75, "dt": 1.0 / 160.0, "damping": (2.5, 0.0)}
+    errors, warned = [], []
+    for share in (0.25, 0.85):
+        run, exact = (
+            ms.simulate(model, **setting, gravity=share * limit) for model in (hybrid, ms.DiscreteShell(shell))
+        )
+        off, moved = (
+            np.sqrt(np.sum(shell.mass[:, None] * part**2, axis=(1, 2))).max()
+            for part in (run.positions - exact.positions, exact.positions - shell.rest_positions)
+        )
+        errors.append(off / moved)
+        warned.append("it came next to a snap" in run.message)
+    assert errors[0] < 0.2 < 0.5 < errors[1]
+    assert warned == [False, True]

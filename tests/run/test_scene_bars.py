@@ -20,6 +20,14 @@ modes = 4
 """
 )
 
+MOTION_ON_A_PLANE = """[motion]
+duration = 0.5
+[[contacts]]
+kind = "plane"
+offset = -0.2
+normal = [0.0, 0.0, 1.0]
+"""
+
 
 def run_main(*arguments):
     with pytest.raises(SystemExit) as ended:
@@ -73,6 +81,32 @@ def test_without_a_bar_nothing_is_stored(tmp_path):
     result = ms.run_scene(scene, out=tmp_path)
     assert result.trajectory.bars is None
     assert "from DS" not in result.summary
+
+
+@pytest.mark.parametrize(
+    ("gravity", "motion", "said"),
+    [
+        (-38.0, "", "void: the answer is near the end of its branch"),
+        (-2.0, "", "% from DS"),
+        (-60.0, "[motion]\nduration = 0.5\n", "at its largest displacement, at 0."),
+        (-50.0, MOTION_ON_A_PLANE, "at its largest displacement, at 0."),
+    ],
+)
+def test_run_says_how_far_it_is_from_ds_where_no_bar_is_asked_for(gravity, motion, said, tmp_path, capsys):
+    """Of an answer past its branch it said nothing but "converged"."""
+    scene = tmp_path / "scene.toml"
+    scene.write_text(SCENE % ("false", gravity) + motion)
+    run_main("run", scene, "--out", tmp_path / "out")
+    told = " ".join(capsys.readouterr().out.split())
+    assert said in told
+    assert ('take name = "ds" in [model], or auto' in told) == (gravity < -30.0)
+
+
+def test_run_says_nothing_of_the_error_of_ds(tmp_path, capsys):
+    scene = tmp_path / "scene.toml"
+    scene.write_text((SCENE % ("false", -2.0)).replace('"mwts"\nmodes = 4', '"ds"'))
+    run_main("run", scene, "--out", tmp_path / "out")
+    assert "from DS" not in capsys.readouterr().out
 
 
 @pytest.mark.by_default("True")
