@@ -28,6 +28,8 @@ _SHAPES = "os^DvPX"
 """Markers of the colours of a legend, in turn: red and green look alike to many readers."""
 _FEW_DECADES, _ONE_DECADE = 2.0, 0.7
 """Decades of a logarithmic axis up to which its ticks are plain numbers, and up to which they are evenly apart."""
+_SMALL, _LARGE = 1e-3, 1e6
+"""Numbers between which plain ones are read at a glance."""
 
 
 @dataclass(frozen=True)
@@ -183,7 +185,7 @@ def _label_few_decades(axis: Axis) -> None:
 
     low, high = axis.get_view_interval()
     decades = float(np.log10(high / low))
-    if decades > _FEW_DECADES:
+    if decades > _FEW_DECADES or low < _SMALL or high > _LARGE:
         return
     axis.set_major_locator(LogLocator(subs=(1, 2, 5)) if decades > _ONE_DECADE else MaxNLocator(6))
     axis.set_minor_locator(NullLocator())

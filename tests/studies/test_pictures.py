@@ -287,7 +287,7 @@ def test_curves_of_a_legend_differ_by_marker_too_and_few_decades_have_plain_tick
     red, green = "#c8322b", "#2f9e44"
     curves = [
         Curve([600.0, 2400.0], [0.013, 0.019], "a", red), Curve([600.0, 2400.0], [0.014, 0.018], "b", green),
-        Curve([600.0, 2400.0], [0.015, 0.016], "c", red, dashed=True), Curve([600.0], [0.015], "d", "black", marker="x"),
+        Curve([600.0, 2400.0], [0.015, 0.016], "c", red, dashed=True), Curve([600.0], [0.02], "d", "black", marker="x"),
     ]  # fmt: skip
     wide = Panel([Curve([1.0, 1e4], [1.0, 2.0], "a", green)], "", "", "", log_x=True)
     draw_curves([Panel(curves, "", "", "", log=True, log_x=True), wide], tmp_path / "a.png")
