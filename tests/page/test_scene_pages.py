@@ -333,3 +333,19 @@ def test_keys_folding_the_link_and_the_dark_serve_a_page(open_page, wait_until):
     broken.wait_for_selector("canvas")
     assert broken.evaluate("shell.positions().every(Number.isFinite)")
     assert broken.evaluate("shell.state.model") == "scene"
+
+
+def test_a_page_of_a_brief_motion_is_slowed(scene_file):
+    """At real speed 20 ms went round fifty times a second; other pages are as they were."""
+    assert "slowed" not in content(scene_page(ms.load_scene(scene_file())))
+    file = scene_file(("duration = 1", "duration = 0.02\ndt = 0.0005"))
+    assert content(scene_page(ms.load_scene(file)))["slowed"] == 100
+
+
+@pytest.mark.slow
+def test_lengths_of_a_page_have_the_digits_of_its_size_and_no_sign_of_a_zero(open_page):
+    page, _ = open_page(FOLDER / "leaf.html")
+    assert page.evaluate("[-1e-19, -2e-6, -0.0312, 0.25].map(length)") == [
+        "0.00 mm", "0.00 mm", "-31.20 mm", "0.250 m",
+    ]  # fmt: skip
+    assert page.evaluate("data.size = 1e-3, length(5.809e-5)") == "0.0581 mm"
