@@ -48,7 +48,7 @@ def draw(results: Path, folder: Path) -> Path:
         for row in rows:
             if rung == REFERENCE or row["rule"] == "exponential":
                 label = f"{rung}, {NAMES[row['rule']]}"
-                curves.append(Curve(row["steps"], row["obtained"], label, COLORS[row["rule"]]))
+                curves.append(Curve(row["steps"], row["obtained"], label, COLORS[row["rule"]], marker=MARKERS[rung]))
     ends = [3.0, max(row["steps"][-1] for row in findings["damping"])]
     curves.append(Curve(ends, [0.03, 0.03], "prescribed", "black", dashed=True, points=False))
     panels.append(Panel(curves, "damping ratio of the motion", "steps per period", "damping ratio", True, True))

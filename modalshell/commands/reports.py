@@ -55,6 +55,9 @@ def report(
         raise ms.OptionError("--convergence is for the run of a scene: leave it out")
     if is_file and scene is not None:
         raise ms.OptionError(f"name a scene file, or a run with --scene FILE (got {result}, --scene {scene})")
+    if not is_file and result.suffix != ".npz" and not result.is_dir():
+        kinds = "a scene or sweep file (.toml), also for the report of a sweep that has run, or a run's .npz or folder"
+        raise ms.OptionError(f"RESULT must be {kinds} (got {result})")
     if of_sweep:
         _report_sweep(result, out)
     elif path:

@@ -206,9 +206,12 @@ def sweep(
     ready = f"{result.computed} computed now, {result.stored} from before"
     ready += ", references included" if result.computed + result.stored > len(result.rows) else ""
     say(f"{file.stem}: {len(result.rows)} cases, {counts}; {ready}")
-    reasons = {str(row["message"]): row for row in reversed(result.rows) if row["outcome"] in _WITHOUT_ANSWER}
-    for message, row in list(reversed(reasons.items()))[:_REASONS]:
-        say(f"case {row['case']}, {row['outcome']}: {message}")
+    reasons: dict[tuple[str, str], list[str]] = {}
+    for row in result.rows:
+        if row["outcome"] in _WITHOUT_ANSWER:
+            reasons.setdefault((str(row["outcome"]), str(row["message"])), []).append(str(row["case"]))
+    for (outcome, message), (first, *more) in list(reasons.items())[:_REASONS]:
+        say(f"case {first}{f' and {len(more)} more' if more else ''}, {outcome}: {message}")
     say(*([result.note] if result.note else []), *result.files, sep="\n")
     end_with(*result.counts())
 

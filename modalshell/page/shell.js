@@ -61,8 +61,8 @@ function numbers(q) {
   let drop = 0;
   for (let a = 0; a < 3; a++) drop += down[a] * (x[3 * data.tip + a] - rest[3 * data.tip + a]);
   const change = area(x) / restArea - 1;
-  show("time", `${state.time.toFixed(2)} ${data.units.time}${barNow()}`); show("drop", length(drop)); show("largest", length(largest));
-  show("area", (Math.round(1e4 * change) / 100 + 0).toFixed(2) + " %");  // without the sign of a zero
+  show("time", timeNow()); show("drop", length(drop)); show("largest", length(largest));
+  show("area", fixed(100 * change, 2) + " %");
   if (live) bars(q);
   keepFramed(x);
   return {drop, largest, area: change};
@@ -96,9 +96,18 @@ function labels() {
   element("model").value = state.model;
 }
 function short(value) { return String(+value.toPrecision(3)); }
-function length(value) {
-  if (data.units.length !== "m") return `${value.toPrecision(4)} ${data.units.length}`;
-  return Math.abs(value) >= 0.1 ? value.toFixed(3) + " m" : (1000 * value).toFixed(2) + " mm";
+function timeNow() {  // to a hundredth of what is played
+  const span = state.model === "scene" && !still ? scene.times[scene.times.length - 1] - scene.times[0] : 1;
+  const slow = state.model === "scene" && slowed > 1 ? `, slowed ${slowed} times` : "";
+  return `${state.time.toFixed(Math.max(2, Math.ceil(2 - Math.log10(span))))} ${data.units.time}${slow}${barNow()}`;
+}
+function fixed(value, digits) {  // without the sign of a zero
+  return (Math.round(value * 10 ** digits) / 10 ** digits + 0).toFixed(digits);
+}
+function length(value) {  // to a ten-thousandth of the shell's size at least
+  const digits = size => Math.max(2, Math.ceil(4 - Math.log10(size)));
+  if (data.units.length !== "m") return `${fixed(value, digits(data.size))} ${data.units.length}`;
+  return Math.abs(value) >= 0.1 ? value.toFixed(3) + " m" : `${fixed(1000 * value, digits(1000 * data.size))} mm`;
 }
 function choose(model) {  // the stored motion, or a live model, which begins at rest after it
   if ((model === "scene") !== (state.model === "scene")) { release(); state.shown = -1; }
@@ -200,13 +209,14 @@ function pullAlong() {  // a spring from the vertex to the pointer, in the plane
   const at = projected(x), dx = (state.pull.at[0] - at[0]) / at[2], dy = (at[1] - state.pull.at[1]) / at[2];
   for (let a = 0; a < 3; a++) state.pull.force[a] = live.pull * (dx * right[a] + dy * up[a]);
 }
+const slowed = data.slowed || 1;  // times, where the motion is too brief to be seen
 let last = 0, owed = 0, cost = 0, frame = 0;
 function tick(now) {
   const passed = last ? (now - last) / 1000 : 0;
   last = now;
   if (state.model === "scene" && !still && !state.paused) {
     const first = scene.times[0], span = scene.times[scene.times.length - 1] - first;
-    state.time = first + (state.time - first + data.second * passed) % span;
+    state.time = first + (state.time - first + data.second * passed / slowed) % span;
     playAt(state.time);
     element("moment").value = state.time;
   }

@@ -13,6 +13,7 @@ from modalshell.core.typing import Array
 from modalshell.core.units import SI, UnitSystem
 from modalshell.motion.bars import Bars
 from modalshell.motion.colouring import Colouring
+from modalshell.motion.pace import slowing
 from modalshell.page.html import MOST_SHAPES, Page, encoded, encoded_columns, filled_page
 
 _SHORT = 65536
@@ -159,6 +160,9 @@ def shell_page(
         "record": record,
     }
     words = {"acceleration": units.of("m/s^2").replace("^2", "²"), "rate": units.of("1/s")}
+    slowed = 1 if record is None else slowing(np.asarray(record["times"]), units.seconds)
+    if slowed > 1:  # a page at real speed is as it was
+        data["slowed"] = slowed
     if bodies:  # a page without any is as it was
         data["bodies"] = [_encoded(*about(body, centre)) for body in bodies]
     if live is not None and "frames" in live:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -15,6 +16,7 @@ from modalshell.files.atomic_io import write_atomically
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
 
 _SPREAD = 0.6
 """Width over which dots of one category are spread, as a share of the distance between categories."""
@@ -22,6 +24,12 @@ _INSIDE = 5
 """Curves whose legend finds room between them; more are named below the axes."""
 _SHORT = 34
 """Letters of a name below the axes that leave room for a second column."""
+_SHAPES = "os^DvPX"
+"""Markers of the colours of a legend, in turn: red and green look alike to many readers."""
+_FEW_DECADES, _ONE_DECADE = 2.0, 0.7
+"""Decades of a logarithmic axis up to which its ticks are plain numbers, and up to which they are evenly apart."""
+_SMALL, _LARGE = 1e-3, 1e6
+"""Numbers between which plain ones are read at a glance."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +38,7 @@ class Curve:
 
     A label that begins with an underscore is not in the legend. Points that are not ``joined`` stand for themselves; of
     categories, which are panels with ticks of their own, each stands next to those of the other curves at its place.
-    With ``low`` and ``high`` every one has a bar between them.
+    With ``low`` and ``high`` every one has a bar between them. Without a ``marker`` its points have that of its colour.
     """
 
     x: ArrayLike
@@ -39,7 +47,7 @@ class Curve:
     color: str
     dashed: bool = False
     points: bool = True
-    marker: str = "o"
+    marker: str | None = None
     joined: bool = True
     low: ArrayLike | None = None
     high: ArrayLike | None = None
@@ -102,15 +110,10 @@ def draw_curves(
 
     OptionError for values not finite, or <= 0 on a logarithmic axis.
     """
-    for panel in panels:
-        for curve in panel.curves:
-            values = np.concatenate([np.ravel(curve.x), np.ravel(curve.y)]).astype(float)
-            if not np.isfinite(values).all():
-                raise OptionError(f"curve {curve.label!r} of {panel.title!r} has values that are not finite")
-            if panel.log and (np.asarray(curve.y) <= 0).any():
-                raise OptionError(f"curve {curve.label!r} of {panel.title!r} has values <= 0 on a logarithmic axis")
+    _check_values(panels)
     from matplotlib.figure import Figure
 
+    panels = _marked(panels) if one_legend else [_marked([panel])[0] for panel in panels]
     across = columns or len(panels)
     rows = -(-len(panels) // across)
     figure = Figure(figsize=(6.4 * across, 4.6 * rows), layout="constrained", dpi=150)
@@ -134,6 +137,9 @@ def draw_curves(
         axes.grid(alpha=0.3)
         if not one_legend:
             _add_legend(axes, panel)
+    for axes, panel in zip(figure.axes, panels, strict=True):  # their ranges are known now
+        for axis in (axes.yaxis, *(() if panel.x_ticks is not None else (axes.xaxis,))):
+            _label_few_decades(axis)
     if title:
         figure.suptitle(literal(title), fontsize=11)
     if one_legend:
@@ -148,11 +154,49 @@ def draw_curves(
     return write_atomically(path, lambda file: figure.savefig(file, format="png"))
 
 
+def _check_values(panels: Sequence[Panel]) -> None:
+    """OptionError for values not finite, or <= 0 on a logarithmic axis."""
+    for panel in panels:
+        for curve in panel.curves:
+            values = np.concatenate([np.ravel(curve.x), np.ravel(curve.y)]).astype(float)
+            if not np.isfinite(values).all():
+                raise OptionError(f"curve {curve.label!r} of {panel.title!r} has values that are not finite")
+            if panel.log and (np.asarray(curve.y) <= 0).any():
+                raise OptionError(f"curve {curve.label!r} of {panel.title!r} has values <= 0 on a logarithmic axis")
+
+
+def _marked(panels: Sequence[Panel]) -> list[Panel]:
+    """The panels of one legend with a marker for every curve, one a colour."""
+    colors = dict.fromkeys(
+        curve.color for panel in panels for curve in panel.curves if curve.points and curve.marker is None
+    )
+    shapes = dict(zip(colors, cycle(_SHAPES), strict=False))
+    return [
+        replace(panel, curves=[replace(one, marker=one.marker or shapes.get(one.color)) for one in panel.curves])
+        for panel in panels
+    ]
+
+
+def _label_few_decades(axis: Axis) -> None:
+    """Plain numbers at the ticks of a logarithmic axis over a few decades: 600, not 6 times a power of ten."""
+    if axis.get_scale() != "log":
+        return
+    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
+
+    low, high = axis.get_view_interval()
+    decades = float(np.log10(high / low))
+    if decades > _FEW_DECADES or low < _SMALL or high > _LARGE:
+        return
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5)) if decades > _ONE_DECADE else MaxNLocator(6))
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.6g}"))
+
+
 def _add_curves(axes: Axes, panel: Panel) -> None:
     """Lines with their points; dots of categories side by side, with their bars."""
     count, shown = sum(not curve.joined for curve in panel.curves), 0
     for curve in panel.curves:
-        size = 4 if curve.marker == "o" else 7
+        size = 4 if curve.marker == "o" else 5
         if curve.joined:
             style, marker = "--" if curve.dashed else "-", curve.marker if curve.points else None
             axes.plot(curve.x, curve.y, style, marker=marker, ms=size, color=curve.color, label=literal(curve.label))

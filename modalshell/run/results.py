@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -13,6 +14,7 @@ from modalshell.core.typing import Array, Progress, unheard
 from modalshell.export import save_trajectory
 from modalshell.motion import Trajectory
 from modalshell.motion.colouring import Colouring
+from modalshell.motion.pace import slowing
 from modalshell.render import ShadedSurface, View, draw_views, write_film
 from modalshell.render.bodies import bodies_at, moving_bodies
 from modalshell.render.content import DEFAULT_CAMERA
@@ -32,7 +34,7 @@ class Look:
     """How films and pictures of a motion look."""
 
     rate: float | None = None
-    """Stored frames shown a second; real speed without it."""
+    """Stored frames shown a second; without it real speed, slower if too brief to be seen (see `slowing`)."""
     color: str | None = None
     """Field of the trajectory that colours them, or "displacement"."""
     camera: tuple[float, float, float] = DEFAULT_CAMERA
@@ -81,10 +83,9 @@ def write_result(
         bodies = bodies_at(run.positions, run.faces, run.times, contacts, float(run.times[frame]))
         return draw_views([View([surface, rest, *bodies], title=title, camera=look.camera)], path, **colours)
     if path.suffix == ".mp4":
-        rate = look.rate
-        if rate is None:
-            rate = 1.0 / (run.units.seconds * float(run.times[1] - run.times[0])) if len(run.times) > 1 else _FILM_RATE
-        every = int(np.ceil(rate / _FILM_RATE - 1e-9))  # at real speed, with as many frames as a screen shows
+        slowed = film_slowing(run, look)
+        rate = look.rate or _real_rate(run) / slowed
+        every = int(np.ceil(rate / _FILM_RATE - 1e-9))  # with as many frames as a screen shows
         positions = _turned(run) if look.turntable else run.positions
         surface = ShadedSurface(positions[0], run.faces, smooth=True)
         if shown is not None:
@@ -98,7 +99,7 @@ def write_result(
             motions.append(np.broadcast_to(moved, (len(motions[0]), *moved.shape[1:])))
         framed = len(surfaces)
         if look.style == "stage":
-            colours["texts"] = _texts(run, look.model, run.times[::every])
+            colours["texts"] = _texts(run, look.model, run.times[::every], slowed)
             # A scene with colliders has its own ground.
             height = -float(np.dot(look.camera, look.down))
             if framed == 1 and height > LOWEST_VIEW * float(np.linalg.norm(look.camera)):
@@ -121,12 +122,25 @@ def _followed(surfaces: Sequence[ShadedSurface], motions: Sequence[Any]) -> list
     return [np.asarray(one, dtype=np.float64) - (middle - middle[0]) for one in still]
 
 
-def _texts(run: Trajectory, model: str, times: Array) -> list[str]:
-    """The corner of each frame of a film: the model, the time, and the last error bar that was found up to then."""
+def _real_rate(run: Trajectory) -> float:
+    """Stored frames a second at real speed."""
+    return 1.0 / (run.units.seconds * float(run.times[1] - run.times[0])) if len(run.times) > 1 else _FILM_RATE
+
+
+def film_slowing(run: Trajectory, look: Look) -> int:
+    """How many times slower than real a film with that look shows a motion, where the look does not say how fast."""
+    return slowing(run.times, run.units.seconds) if look.rate is None else 1
+
+
+def _texts(run: Trajectory, model: str, times: Array, slowed: int = 1) -> list[str]:
+    """The corner of each frame: the model, the time, how slowed, and the last error bar that was found up to then."""
     name, bars = f"{model}, " if model else "", run.bars
     texts = []
+    digits = 2
+    if len(times) > 1:  # those in which the times of two frames differ
+        digits = max(digits, math.ceil(-math.log10(float(times[1] - times[0])) - 1e-9))
     for time in times:
-        text = f"{name}{time:.2f} {run.units.time}"
+        text = f"{name}{time:.{digits}f} {run.units.time}" + (f", slowed {slowed} times" if slowed > 1 else "")
         before = 0 if bars is None else int(np.searchsorted(bars.times, time, side="right"))
         if bars is not None and before:
             text = f"{text}, {bars.texts()[before - 1]}"

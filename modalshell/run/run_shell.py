@@ -34,7 +34,7 @@ from modalshell.render.stage import down_of
 from modalshell.run.balance import has_reactions
 from modalshell.run.frame_file import FrameFile
 from modalshell.run.protocol import RunResult, SceneRun
-from modalshell.run.results import Look, write_result
+from modalshell.run.results import Look, film_slowing, write_result
 from modalshell.scene import BuiltScene, ShellScene
 from modalshell.scene.parts import build_path
 from modalshell.scene.read import located
@@ -64,11 +64,14 @@ class SceneResult(RunResult):
         The equilibrium, where there is one and it was computed now.
     load : ndarray, shape (3,), or None
         Resultant of the load on it.
+    slowed : int
+        How many times slower than real its film shows the motion; 1 without a film.
     """
 
     trajectory: Trajectory
     answer: Equilibrium | None = None
     load: Array | None = None
+    slowed: int = 1
 
     @property
     def outcome(self) -> Outcome:
@@ -85,6 +88,8 @@ class SceneResult(RunResult):
             work = f"{self.answer.iterations} iterations, residual {self.answer.residual:.1e}"
         if self.load is not None and self.load.any():
             work += f", load ({', '.join(f'{part:.4g}' for part in self.load)}) {run.units.of('N')} in all"
+        if self.slowed > 1:
+            work += f", the film slowed {self.slowed} times"
         bar = "" if run.bars is None else f"; {run.units.restated(str(run.bars))}"
         return f"{run.outcome.with_message(run.message)}, {work}{bar}"
 
@@ -204,7 +209,8 @@ class ShellRun(SceneRun[SceneResult]):
     def result(self, files: list[Path], resumed: int) -> SceneResult:
         """The trajectory as it was written."""
         written = replace(load_trajectory(files[0]), contacts=tuple(self._contacts))
-        return SceneResult(files, resumed, written, self._answer, self._load)
+        slowed = film_slowing(written, self._look) if any(file.suffix == ".mp4" for file in files) else 1
+        return SceneResult(files, resumed, written, self._answer, self._load, slowed)
 
 
 def _resultant(force: Array) -> Array:

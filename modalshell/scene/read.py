@@ -144,6 +144,8 @@ def refuse_unknown_keys(file: Path, path: str, raw: dict[str, Any], allowed: Ite
         if key not in names:
             near = difflib.get_close_matches(key, names, 1)
             hint = f"did you mean {near[0]!r}? " if near else ""
+            if path and key in ("bar", "bars"):
+                hint = "error bars are asked for by bar = true before the first table; "
             place = shortened(f"{path}.{key}" if path else key, 80)
             raise SceneError(f"{file}: {place}: unknown key; {hint}allowed: {', '.join(names)}")
 

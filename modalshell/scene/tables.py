@@ -234,9 +234,10 @@ class Output(Table, frozen=True):
 
     The ``.npz`` file is always written; ``csv`` is a table for spreadsheets, of the vertices and, with ``fields``, of
     the triangles. ``fields`` of the triangles are stored with every frame, and films and pictures coloured by the one
-    named ``color``. With the ``look`` "plain" films show the shell alone, without ground, shadow and text; with the
-    ``camera`` "follow" their camera moves with the middle of the shell, as of one that falls. A ``camera`` of three
-    numbers is the direction from the shell to it; z is up, and from right above y is.
+    named ``color``. A film of less than half a second is slowed, and says so. With the ``look`` "plain" films show the
+    shell alone, without ground, shadow and text; with the ``camera`` "follow" their camera moves with the middle of the
+    shell, as of one that falls. A ``camera`` of three numbers is the direction from the shell to it; z is up, and from
+    right above y is.
     """
 
     folder: Annotated[str, Meta(min_length=1)] = "results"

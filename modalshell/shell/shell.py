@@ -186,7 +186,7 @@ class Shell(EnergyAccess):
         if not isinstance(self._energy, ElementSum):
             raise OptionError(
                 f"this needs a shell of the discrete-shell energies (got one of ms.{type(self.material).__name__}): "
-                "take ms.Material.from_physical(...), in a scene young, poisson, thickness, density, calibrated = true"
+                "take ms.Material.from_physical(...), in [material] calibrated = true, for simulate --calibrated"
             )
         return self._energy.elements
 

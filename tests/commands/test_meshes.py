@@ -257,7 +257,7 @@ def test_a_film_takes_a_rate_a_camera_a_colour_and_a_still(capsys, tmp_path):
 
     mesh = tmp_path / "strip.obj"
     ms.save_mesh(ms.flat_beam(cells=(8, 2)), mesh)
-    plain = ("simulate", mesh, "--clamp", "x < 0.2", "--young", "1e8", "--duration", "0.3", "--dt", "0.05")
+    plain = ("simulate", mesh, "--clamp", "x < 0.2", "--young", "1e8", "--duration", "0.5", "--dt", "0.05")
     looks = ("--color", "displacement", "--fps", "5", "--camera", "0", "-1", "0.2", "--turntable", "--still", "0.2")
     for folder, options in (("plain", ()), ("looks", looks)):
         status, out, err = run(capsys, *plain, *options, "--out", tmp_path / folder)

@@ -14,6 +14,7 @@ import modalshell as ms
 from modalshell.commands.cli import main
 from modalshell.commands.pages import scene_page
 from modalshell.files.provenance import repository_file
+from modalshell.page.shell_page import recorded, shell_page
 from modalshell.run.run_scene import run_in_memory
 from modalshell.scene import ShellScene
 from modalshell.springs import SheetGrid
@@ -333,3 +334,22 @@ def test_keys_folding_the_link_and_the_dark_serve_a_page(open_page, wait_until):
     broken.wait_for_selector("canvas")
     assert broken.evaluate("shell.positions().every(Number.isFinite)")
     assert broken.evaluate("shell.state.model") == "scene"
+
+
+@pytest.mark.parametrize(("dt", "slowed"), [(5e-4, 100), (0.05, None)])
+def test_a_page_of_a_brief_motion_is_slowed(dt, slowed):
+    """At real speed 20 ms went round fifty times a second; other pages are as they were."""
+    mesh = ms.sheet(cells=(2, 2))
+    shape = np.ones((1, *mesh.vertices.shape))
+    record = recorded(dt * np.arange(41), shape, np.linspace(0.0, 1.0, 41)[:, None], label="motion")
+    page = shell_page(np.array(mesh.vertices), mesh.faces, title="brief", tip=0, record=record)
+    assert content(page).get("slowed") == slowed
+
+
+@pytest.mark.slow
+def test_lengths_of_a_page_have_the_digits_of_its_size_and_no_sign_of_a_zero(open_page):
+    page, _ = open_page(FOLDER / "leaf.html")
+    assert page.evaluate("[-1e-19, -2e-6, -0.0312, 0.25].map(length)") == [
+        "0.00 mm", "0.00 mm", "-31.20 mm", "0.250 m",
+    ]  # fmt: skip
+    assert page.evaluate("data.size = 1e-3, length(5.809e-5)") == "0.0581 mm"

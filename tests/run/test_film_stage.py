@@ -7,6 +7,7 @@ import pytest
 import modalshell as ms
 from modalshell.motion import Trajectory
 from modalshell.motion.bars import Bars
+from modalshell.motion.pace import slowing
 from modalshell.render import ShadedSurface, write_film
 from modalshell.render.stage import Stage, down_of
 from modalshell.run import Look, write_result
@@ -245,3 +246,55 @@ def test_a_scene_says_from_where_it_is_seen(scene_file, tmp_path, monkeypatch):
         ms.run_scene(scene_file(more=f"{output}[0, 0, 0]\n"))
     with pytest.raises(ms.SceneError, match=r"output\.camera: must be a list of length 3 \(got \[1\]\)"):
         ms.load_scene(scene_file(more=f"{output}[1]\n"))
+
+
+@pytest.mark.parametrize(
+    ("dt", "frames", "second", "expected"),
+    [
+        (1 / 30, 61, 1.0, 1),  # two seconds
+        (0.5, 2, 1.0, 1),
+        (5e-4, 41, 1.0, 100),  # 20 ms would be two pictures of a film
+        (0.02, 21, 1.0, 5),  # of 4, 5 and 10 pictures a second, 10
+        (1 / 30, 4, 1.0, 2),
+        (0.5, 41, 1e-3, 100),  # the same 20 ms, in ms
+        (1e-9, 1001, 1.0, 2_000_000),
+        (0.1, 1, 1.0, 1),
+    ],
+)
+def test_brief_motions_are_slowed_until_they_can_be_seen(dt, frames, second, expected):
+    times = dt * np.arange(frames)
+    slowed = slowing(times, second)
+    assert slowed == expected
+    if slowed > 1:
+        assert slowed * second * times[-1] <= 2.0 + 1e-9
+        assert (frames - 1) / (slowed * second * times[-1]) >= 10.0 - 1e-9
+
+
+def test_a_film_of_a_brief_motion_is_slowed_and_says_so(tmp_path, monkeypatch):
+    """A film of 20 ms at real speed was two pictures, whose corners said 0.00 s and 0.02 s."""
+    vertices, faces = flat()
+    run = Trajectory(
+        times=5e-4 * np.arange(41), positions=np.stack([vertices] * 41), outcome=ms.Outcome.COMPLETED, message="",
+        unconverged_steps=0, seconds=0.0, faces=faces, rest_positions=vertices,
+    )  # fmt: skip
+    seen = []
+    monkeypatch.setattr("modalshell.run.results.write_film", lambda *args, **options: seen.append((args, options)))
+    write_result(run, tmp_path / "f.mp4", Look())
+    write_result(run, tmp_path / "f.mp4", Look(rate=2000.0))
+    (args, options), (_, asked) = seen
+    assert len(args[2][0]) == 41
+    assert options["fps"] == pytest.approx(20.0)
+    assert options["texts"][1] == "0.0005 s, slowed 100 times"
+    assert (len(asked["texts"]), asked["texts"][-1]) == (2, "0.02 s")
+
+
+def test_the_summary_of_a_run_says_how_slow_its_film_is(tmp_path):
+    file = tmp_path / "brief.toml"
+    file.write_text(
+        '[mesh]\nshape = "sheet"\ncells = [4, 4]\n[material]\nyoung = 1e6\npoisson = 0.3\nthickness = 0.01\n'
+        'density = 1000.0\n[supports]\nclamped = "x <= 0"\n[loads]\ngravity = [0, 0, -1]\n[model]\nname = "lma"\n'
+        'modes = 1\n[motion]\nduration = 0.02\ndt = 0.001\n[output]\nformats = ["mp4"]\nlook = "plain"\n'
+    )
+    assert "the film slowed 100 times" in ms.run_scene(file, out=tmp_path / "a").summary
+    file.write_text(file.read_text().replace('["mp4"]', '["csv"]'))
+    assert "slowed" not in ms.run_scene(file, out=tmp_path / "b").summary

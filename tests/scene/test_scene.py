@@ -103,7 +103,7 @@ def test_models_take_shell_theory(load, name):
 def test_springs_refuse_shell_theory(load):
     scene = load(STIFFNESSES, sheet_text())
     scene.file.write_text(scene.file.read_text().replace('"mwts"', '"springs"'))
-    with pytest.raises(ms.SceneError, match="in a scene young, poisson, thickness, density, calibrated = true"):
+    with pytest.raises(ms.SceneError, match=r"in \[material\] calibrated = true, for simulate --calibrated"):
         ms.load_scene(scene.file).build()
 
 
@@ -221,6 +221,7 @@ def test_without_motion_a_scene_is_static(load):
         ("stretch = 20.0", "strech = 20.0", "material.strech: unknown key; did you mean 'stretch'? allowed: stretch, "),
         ("stretch = 20.0", 'stretch = "a"', "material.stretch: must be a number (got 'a')"),
         ("stretch = 20.0", "poisson = 0.3", "material.shear: unknown key; allowed: young, poisson, thickness"),
+        ("[model]", "[model]\nbar = true", "model.bar: unknown key; error bars are asked for by bar = true before"),
         ("stretch = 20.0", "", "material.stretch: missing"),
         ("density = 0.2", "density = -0.2", "material.density: must be a number above 0.0 (got -0.2)"),
         ("density = 0.2", "density = nan", "material.density: must be a finite number"),

@@ -1,6 +1,7 @@
 """Pictures of the studies, drawn from the committed findings: no text lies on another or leaves the picture."""
 
 import importlib
+import re
 from dataclasses import asdict
 from itertools import pairwise
 
@@ -277,6 +278,32 @@ def test_categories_are_dots_side_by_side_with_bars_and_one_legend(tmp_path, mon
     assert [path.vertices[:, 1].tolist() for path in bars.get_paths()] == [[0.5, 1.5], [1.5, 2.5]]
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["a", "b"]
     assert figure.axes[0].get_legend() is None
+
+
+def test_curves_of_a_legend_differ_by_marker_too_and_few_decades_have_plain_ticks(tmp_path, monkeypatch):
+    """Red and green of one marker look alike to many readers, and 6 times a power of ten is no number to read."""
+    drawn = []
+    monkeypatch.setattr(Figure, "savefig", lambda self, *_, **__: drawn.append(self))
+    red, green = "#c8322b", "#2f9e44"
+    curves = [
+        Curve([600.0, 2400.0], [0.013, 0.019], "a", red), Curve([600.0, 2400.0], [0.014, 0.018], "b", green),
+        Curve([600.0, 2400.0], [0.015, 0.016], "c", red, dashed=True), Curve([600.0], [0.02], "d", "black", marker="x"),
+    ]  # fmt: skip
+    wide = Panel([Curve([1.0, 1e4], [1.0, 2.0], "a", green)], "", "", "", log_x=True)
+    draw_curves([Panel(curves, "", "", "", log=True, log_x=True), wide], tmp_path / "a.png")
+    few, many = drawn[0].axes
+    assert [line.get_marker() for line in few.lines] == ["o", "s", "o", "x"]
+    assert [line.get_marker() for line in many.lines] == ["o"]
+    drawn[0].canvas.draw()
+    for axis in (few.xaxis, few.yaxis):
+        low, high = axis.get_view_interval()
+        texts = [text.get_text() for text, at in zip(axis.get_ticklabels(), axis.get_majorticklocs(), strict=True)
+                 if low <= at <= high]  # fmt: skip
+        assert len(texts) >= 2
+        assert all(re.fullmatch(r"[0-9.]+", text) for text in texts)
+    assert any("10^" in text.get_text() for text in many.xaxis.get_ticklabels())
+    draw_curves([Panel(curves[:1], "", "", ""), Panel(curves[1:2], "", "", "")], tmp_path / "a.png", one_legend=True)
+    assert [axes.lines[0].get_marker() for axes in drawn[1].axes] == ["o", "s"]
 
 
 def test_a_model_has_one_colour():

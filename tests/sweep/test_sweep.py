@@ -260,13 +260,13 @@ def test_the_command(swept, tmp_path, capsys):
 @pytest.mark.usefixtures("here")
 def test_the_command_says_why_cases_have_no_answer(write, tmp_path, capsys):
     """It counted them, and the reason stood in its table alone."""
-    file = write(axes='"model.modes" = [2, 9999]')
+    file = write(axes='"model.modes" = [2, 9999]\n"loads.gravity" = [[0, 0, -1], [0, 0, -2]]')
     with pytest.raises(SystemExit) as exit_:
         main(["sweep", str(file), "--out", str(tmp_path / "out")])
     assert exit_.value.code == 1
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0].startswith("beams: 2 cases, 1 converged, 1 refused")
-    assert re.match(r"case 2, refused: .*model\.modes: must be at most \d+", lines[1])
+    assert lines[0].startswith("beams: 4 cases, 2 converged, 2 refused")
+    assert re.match(r"case 3 and 1 more, refused: .*model\.modes: must be at most \d+", lines[1])
 
 
 @pytest.mark.parametrize(

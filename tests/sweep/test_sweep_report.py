@@ -92,3 +92,9 @@ def test_a_report_on_a_sweep_prints_and_fits_a_phone(report, write, tmp_path, br
     page.set_viewport_size({"width": 700, "height": 900})  # about a printed page: no table is cut there
     assert page.evaluate("[...document.querySelectorAll('.data')].every(one => one.scrollWidth <= one.clientWidth)")
     page.close()
+
+
+def test_a_report_says_what_it_may_be_of(report, capsys):
+    """A sweep's table was taken for a run, whose record names none."""
+    assert report("beams_sweep.csv") == 2
+    assert re.search(r"scene or sweep file \(\.toml\).*\(got\s+beams_sweep\.csv\)", capsys.readouterr().err, re.DOTALL)
