@@ -126,12 +126,13 @@ class RotationStrain(TurnedTriangles):
 
     def _stay(self, adjoint: LoadAdjoint, vertices: Index, *given: Any) -> tuple[int, float, Any]:
         """A step in which vertices (k,) stay pushed; see :func:`stay_twice`, whose ``rows`` and on are ``given``."""
-        from modalshell.models.reduction.rotation_strain_stay import STAYS, stay_twice  # not without contacts
+        from modalshell.contact.stay_kernels import STAYS  # not without contacts
+        from modalshell.models.reduction.rotation_strain_stay import stay_twice
 
-        *given, out = given
+        *before, out = given
         right, work = np.empty((self._fit.rows, 3)), (adjoint.gradients, adjoint.constant)
         fit = self._modal, self._shape, self._corners, *self._by_triangle, *self._green_of(vertices)
-        found, energy, read, arrived = stay_twice(fit, work, *given, (*out, right))
+        found, energy, read, arrived = stay_twice(fit, work, *before, (*out, right))
         count_read(read * (self._modal.nbytes + self._shape.nbytes) + 2 * work[0].nbytes)
         if found == STAYS:
             self._spread = out[0][0].tobytes(), right

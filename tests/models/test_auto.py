@@ -95,7 +95,7 @@ def test_a_better_rung_of_modes_takes_over_where_the_margin_holds():
     mesh = ms.flat_beam(length=1.0, width=0.2, cells=(20, 4))
     strip = ms.Shell(mesh, ms.Material(2000.0, 2000.0, 0.05, 0.2), "x < 0.051")
     run, exact = through_snap(ms.Auto(strip), most=12.0), through_snap(ms.DiscreteShell(strip), most=12.0)
-    assert list(dict.fromkeys(run.levels))[:2] == ["MWTS", "RSW"]
+    assert set(run.levels) == {"MWTS", "RSW"}
     assert worst(strip, run, exact) < 0.05
 
 

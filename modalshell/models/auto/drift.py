@@ -32,40 +32,30 @@ _TINY, _SLOW = 1e-300, 1e-3
 """Least eigenvalue [1/s^2] that is divided by, and angle of a mode between two frames."""
 _FAR = 0.5
 """Distance from rest, over that of the check that is known, from which another one takes its place."""
-_STEPS, _LENGTH, _WAY, _MOST_STEPS = 7, 8, 9, 24
-"""Rows of the number and the length of steps since a check, the first one of coordinates, and how many these are."""
 _SEEN = 2.0
 """Angle ``omega h`` of a mode between two frames up to which three of them tell its acceleration."""
 
 
 @final
 class Drift:
-    """Errors that add up in one motion: rows (r, m) of e, e', the present s, and a check's s and coordinates.
-
-    Behind them are e and e' at that check, two rows that begin with the number of steps since then and their length
-    [s], and the coordinates at the end of each.
+    """Errors that add up in one motion: rows (5, m) of e, e', the present s, and a check's s and coordinates.
 
     Attributes
     ----------
-    none : ndarray, shape (r, m)
-        The rows before any check of a motion, which no step changes: a motion holds this very array, not a copy. Steps
-        are not counted there, as the first check of a motion does not take errors again.
+    none : ndarray, shape (5, m)
+        The rows where nothing is known yet. A motion holds this very array, not a copy: no step need be taken then.
     """
 
     def __init__(self, basis: Basis, damping: Damping) -> None:
         self._stiffness, self._damp = np.maximum(basis.eigenvalues, _TINY), damping.of_modes(basis.eigenvalues)
         self._projection = basis.modes.T * np.repeat(basis.shell.mass, 3)
-        self._rest, self._modes = basis.shell.rest_positions, basis.modes
+        self._rest = basis.shell.rest_positions
         self._flow: tuple[float, Array, Array] | None = None
-        self.none = np.zeros((_WAY + _MOST_STEPS, self._stiffness.size))
-        self.none[_STEPS, 0] = math.inf
+        self.none = np.zeros((5, self._stiffness.size))
 
-    @staticmethod
-    def forgotten(rows: Array) -> Array:
+    def forgotten(self, rows: Array) -> Array:
         """The same without a check: what has added up beyond the present s, which the next level may lack."""
-        after = np.zeros_like(rows)
-        after[:2] = after[5:7] = rows[0] - rows[2], rows[1]
-        return after
+        return rows if rows is self.none else np.vstack([rows[0] - rows[2], rows[1], np.zeros_like(rows[2:])])
 
     def coordinates(self, x: Array) -> Array:
         """Coordinates (m,) [kg^(1/2) m] of positions x (n, 3) [m]."""
@@ -83,11 +73,9 @@ class Drift:
     ) -> Array:
         """The same after a check of the middle one of three frames (n, 3) [m], and where that leads (n, 3): ``seen``.
 
-        ``at`` are the coordinates (m,) of the last two frames. Errors since the last check, or since the level began,
-        are taken again by what this one finds, from those that there were then. Where that is too long ago, and of
-        the first check of a motion, whose frames may be those of a load that comes at once, what it finds otherwise
-        than was taken has not come at once: errors stay as far from s as they were; but as they were where it is the
-        ``first`` one after a switch. A check much nearer to rest than the last, which tells less of how s grows, does
+        ``at`` are the coordinates (m,) of the last two frames. What the check finds otherwise than was taken has not
+        come at once: errors stay as far from s as they were. But the first one after a switch finds what the level has
+        brought: errors stay as they were. One much nearer to rest than the last, which tells less of how s grows, does
         not take its place.
         """
         ((before, x, after), corrected), (middle, end) = seen, at
@@ -100,40 +88,22 @@ class Drift:
         if not first and _tells_less(middle, rows[4]):  # as in the middle of a swing
             missing, middle = rows[3], rows[4]
         present = kernel.share_of(middle, end, _FARTHEST) ** power * missing
-        after = np.zeros_like(rows)
-        after[2:5] = present, missing, middle
-        if (first or rows[4].any()) and 0 < rows[_STEPS, 0] <= _MOST_STEPS:
-            after[:2] = self._again(rows, after[2:5], dt, power)
-        else:
-            after[:2] = rows[0] if first else rows[0] + present - rows[2], rows[1]
-        after[5:7] = after[:2]
-        return after
+        error = rows[0] if first else rows[0] + present - rows[2]
+        return np.stack([error, rows[1], present, missing, middle])
 
-    def _again(self, rows: Array, law: Array, dt: float, power: int) -> Array:
-        """Errors and their rates (2, m) after the steps since the last check, with s by a ``law`` (3, m)."""
-        steps, coefficients = int(rows[_STEPS, 0]), self._at(dt)[0]
-        errors, after = np.concatenate([rows[5:7], law]), np.empty((5, rows.shape[1]))
-        for q in rows[_WAY : _WAY + steps]:
-            kernel.advance(errors, q, coefficients, self._stiffness, power == 3, _FARTHEST, after)
-            errors = after.copy()
-        return errors[:2]
-
-    def beyond(self, displacement: Array) -> Array:
-        """The part (n, 3) [m] of displacements (n, 3) [m] that no mode has."""
-        in_modes = self._modes @ (self._projection @ displacement.ravel())
-        return displacement - in_modes.reshape(-1, 3)
+    @staticmethod
+    def share(rows: Array) -> float:
+        """How much of s errors have taken on: 1 where they follow it, as under a load that grows slowly."""
+        error, present = rows[0], rows[2]
+        size = float(present @ present)
+        return max(0.0, min(1.0, float(error @ present) / size)) if size > 0.0 else 0.0
 
     def advanced(self, rows: Array, q: Array, dt: float, power: int) -> tuple[Array, float]:
         """The same after a step of ``dt`` [s] to coordinates q (m,), by a level that errs with a power of c; and size.
 
         Where no check has found anything, as of DS, q may be any.
         """
-        after, coefficients = rows.copy(), self._at(dt)[0]
-        steps = after[_STEPS, 0].item()
-        known = steps < _MOST_STEPS and after[_LENGTH, 0].item() in (0.0, dt)
-        if known:
-            after[_WAY + int(steps)] = q
-        after[_STEPS, 0], after[_LENGTH, 0] = steps + 1.0 if known else math.inf, dt
+        after, coefficients = np.empty_like(rows), self._at(dt)[0]
         return after, float(kernel.advance(rows, q, coefficients, self._stiffness, power == 3, _FARTHEST, after))
 
     def _at(self, dt: float) -> tuple[Array, Array]:

@@ -230,7 +230,7 @@ class AutoStepper(LeveledStepper):
         if wanted == level or seen is None:
             return level, step.after
         switch = (step.time, wanted, seen.bar, seen.margin, 0.0)
-        motion = self._watch.corrected(step, seen, memory, wanted)
+        motion = self._watch.corrected(step, seen, memory, wanted), step.velocities()
         return self._hand_over(step.after, motion, memory, (step.time, step.load), switch)
 
     def _drift_switch(self, step: Step, memory: dict[str, Array]) -> Switch | None:

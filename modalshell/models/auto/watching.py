@@ -136,9 +136,8 @@ class Watch:
             return
         if memory["known"].shape[1] != self._size:
             memory["known"] = self._states.nothing(self._size)
-        drift, rows = self._drift, memory["drift"]
-        if drift is not None and (rows.shape[1] != self._model.count or np.array_equal(rows, drift.none)):
-            memory["drift"] = drift.none
+        if self._drift is not None and (memory["drift"].shape[1] != self._model.count or not memory["drift"].any()):
+            memory["drift"] = self._drift.none
         if not np.array_equal(memory["dead"], dead):
             self.forget(memory, sampled=True)
         memory["dead"] = dead
@@ -182,18 +181,17 @@ class Watch:
         """The same without a step."""
         return 0.0 if self._drift is None else self._drift.size(memory["drift"])
 
-    def corrected(self, step: Step, seen: Seen, memory: dict[str, Array], wanted: int) -> tuple[Array, Array]:
-        """Positions (n, 3) [m] and velocities (n, 3) [m/s] after a step for the level that is to take over.
+    def corrected(self, step: Step, seen: Seen, memory: dict[str, Array], wanted: int) -> Array:
+        """Positions (n, 3) [m] after a step for the level that is to take over.
 
-        For one of DS those of modes are corrected: by what has added up of their errors, and by all that the check
-        finds beyond the modes, as vibrations that are faster than theirs follow the load.
+        For one of DS those of modes are corrected by the check, as far as errors have followed what it finds: those of
+        a motion that the level has just begun have not.
         """
-        motion, levels = (step.frames[2], step.velocities()), self._model.levels
+        x, levels = step.frames[2], self._model.levels
         full = levels[step.level].quadratic and not levels[wanted].quadratic
         if self._drift is None or not full or seen.alarm or not seen.bar <= LARGEST_BAR:
-            return motion
-        x, v = self.undrifted(motion, memory)
-        return x + self._drift.beyond(seen.corrected - step.frames[1]), v
+            return x
+        return np.asarray(x + self._drift.share(memory["drift"]) * (seen.corrected - step.frames[1]))
 
     def undrifted(self, motion: tuple[Array, Array], memory: dict[str, Array]) -> tuple[Array, Array]:
         """Positions (n, 3) [m] and velocities (n, 3) [m/s] without what has added up.
@@ -218,7 +216,7 @@ class Watch:
         even = memory["step"][0] == step.dt
         if self._drift is not None and even and step.level + 1 < len(self._model.levels):
             rows, found = memory["drift"], (step.frames, seen.corrected)
-            first = memory["switches"][0] > 0.0 and not rows[3:5].any()
+            first = memory["switches"][0] > 0.0 and not rows[3:].any()
             at = (
                 self._coordinates(step.level, step.inner, step.frames[1]),
                 self._coordinates(step.level, step.after, step.frames[2]),

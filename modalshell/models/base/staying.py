@@ -105,6 +105,7 @@ class Staying(ABC):
         if self._conservative:
             if work is None:
                 assert end.positions is not None
+                assert before.positions is not None
                 done = float(np.vdot(load, end.positions - before.positions))
             else:
                 done = work(end.q) - work(before.q)
@@ -264,17 +265,17 @@ class StayingRows(Staying):
         if stay is None or pressing.moving or not (pressing.by_rows.alone and len(pressing.spins.spin)):
             return super().whole(before, rates, dead, load, when, compliance)
         size, q, at = pressing.touching.size, before.q, before.at
-        step, limits = (q, rates, compliance, self._eigenvalues, when[1], GAMMA), (STILL, SETTLED, FAR, NEARLY)
-        limits = *(size * limit for limit in limits), pressing.reach
+        step = q, rates, compliance, self._eigenvalues, when[1], GAMMA
+        limits = *(size * limit for limit in (STILL, SETTLED, FAR, NEARLY)), pressing.reach
         kept = before.pushes, before.local, before.positions
 
-        def tried() -> tuple[int, Any]:
+        def tried() -> tuple[int, tuple[Any, ...]]:
             (vertices, rows, derived), near = self._kept[1:], np.full(q.size, np.nan) if at is None else at.copy()
             out = np.empty((2, q.size)), np.empty(q.size), np.empty(vertices.size), np.empty((vertices.size, 3))
             found, energy, arrived = stay(vertices, rows, step, kept, (near, *derived), limits, out)
             return found, (energy, near, arrived, *out)
 
-        found, ended = OTHERS, None
+        found, ended = OTHERS, cast("tuple[Any, ...]", ())
         if self._kept[0] == pressing.shapes.begun:
             found, ended = tried()
         if found == OTHERS:
