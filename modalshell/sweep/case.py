@@ -68,7 +68,7 @@ class Measures(Struct, frozen=True, kw_only=True):
     load_potential: float | None
     """In the last frame [J]."""
     error_bar: float | None = None
-    """Bar on the displacement, over the largest one; of a motion the largest. None where there is none, or it is void
+    """Bar on the displacement, over the largest one; of a motion the largest. None if there is none, or it is void
     anywhere."""
     margin: float | None = None
     """Smallest stability margin of the checked frames."""
