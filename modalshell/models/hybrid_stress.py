@@ -260,9 +260,8 @@ class HybridStress(OnCoarse):
         See :class:`Model`; constants are those of the coarse shell.
         """
         z = dead_state(state)[0]
-        small = self.coarse.coarse.shell
         hessian = differences(lambda z: self._energy(z)[1], z, self._step)
-        measures = measures_of(small, self._trained.turned)
+        measures = measures_of(self.coarse.coarse.shell, self._trained.turned)
         constants = forces_by_constants(measures, self._reduced, self._trained.stresses, self._basis, z)
         tangent = LinearTangent(self.shell, state, hessian, *self._moves(z), constants)
         return tangent.derivative(wrt, of)
@@ -301,12 +300,15 @@ class HybridStress(OnCoarse):
         self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
     ) -> tuple[MotionState, bool]:
         """Advance by ``dt`` [s] under a ``load`` (n, 3) [N] that stays: mostly in one call."""
-        after = None
         if type(self.integrator) is BDF2 and state.coordinates.ndim == 1 and not self.flight.count:
             after = self._moving.bdf2_step(state, dt, load, damping)
-        if after is None:
-            return super().step(state, dt, load, damping, held)
-        return self._farthest.seen(state, after), True
+            if after is not None:
+                return self.remembered(state, after), True
+        return super().step(state, dt, load, damping, held)
+
+    def remembered(self, before: MotionState, after: MotionState) -> MotionState:
+        """The state ``after`` a step, whose memory knows how far the motion has gone."""
+        return self._farthest.seen(before, after)
 
     def march(self, state: MotionState, dt: float, load_at: LoadAt, damping: Damping) -> tuple[MotionState, bool]:
         """Steps in the coordinates, or of the coarse shell's positions (k, 3) where that must be."""
@@ -314,9 +316,9 @@ class HybridStress(OnCoarse):
             steps = self.flight.steps(self, (reduced, dt), load_at, damping)
             after, solved = self.integrator.march(steps, reduced, dt)
             if solved:
-                return self._farthest.seen(state, self._states.landed(state, reduced, after)), True
+                return self.remembered(state, self._states.landed(state, reduced, after)), True
         after, solved = self.coarse.march(self.as_coarse(state), dt, load_at, damping)
-        return self._farthest.seen(state, after), solved
+        return self.remembered(state, after), solved
 
     @property
     def on_coarse(self) -> CoarseDiscreteShell:
@@ -325,9 +327,7 @@ class HybridStress(OnCoarse):
 
     def as_coarse(self, state: MotionState) -> MotionState:
         """A state in positions (k, 3) [m] of the coarse vertices."""
-        if state.coordinates.ndim == 2:
-            return state
-        return self._states.as_coarse(state)
+        return state if state.coordinates.ndim == 2 else self._states.as_coarse(state)
 
     def _solve_touching(
         self, loading: Loading, start: Array | None, contacts: Sequence[Any], constraints: Sequence[Constraint]

@@ -420,7 +420,10 @@ def test_the_command_prints_what_it_wrote(tmp_path, capsys, monkeypatch):
     assert stop.value.code == 0
     out = capsys.readouterr().out
     assert out.startswith("beam: completed, 6 frames")
-    names = [Path(line).name for line in out.splitlines()[1:]]
+    bar, *files = out.splitlines()[1:]
+    assert bar.startswith("beam: at its largest displacement, at 0.0")
+    assert bar.endswith("% from DS")
+    names = [Path(line).name for line in files]
     assert names == ["beam.npz", "beam.png", "beam.vtkhdf", "beam.json"]
     assert all((tmp_path / "out" / name).stat().st_size > 500 for name in names)
 

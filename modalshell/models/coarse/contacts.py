@@ -149,6 +149,7 @@ class CoarseContactMotion:
             return after, solved, model.as_coarse(after).coordinates
 
         after, solved = self._motion.advance(under.coarse, at, begin, dt, model.as_coarse(state), free)
+        after = self._model.remembered(state, after)
         return self._marked(after, pressed=bool(self._motion.steps.pushes.any())), solved
 
     @staticmethod

@@ -7,6 +7,7 @@ from typing import Any
 
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
+from modalshell.integrators.state import MotionState
 from modalshell.models.base.implicit import ImplicitModel
 from modalshell.models.base.setup import MotionSetup
 
@@ -18,6 +19,10 @@ class OnCoarse(ImplicitModel):
     @abstractmethod
     def on_coarse(self) -> Any:
         """The :class:`CoarseDiscreteShell` that bears contacts."""
+
+    def remembered(self, before: MotionState, after: MotionState) -> MotionState:
+        """The state ``after`` a step that contacts took, with what the model remembers of its motion."""
+        return after
 
     def contact_motion(self, setup: MotionSetup, origin: Array) -> Any:
         """What takes the steps of a motion with contacts: those that contacts press on are the coarse shell's."""
