@@ -181,7 +181,9 @@ class _FilmOptions:
     color: Annotated[
         str | None, Parameter(help="Colours: displacement, strain, curvature, von_mises, energy_density, ...")
     ] = None
-    fps: Annotated[float | None, Parameter(help="Stored frames shown a second; real speed with --dt, else 30.")] = None
+    fps: Annotated[
+        float | None, Parameter(help="Stored frames shown a second; else 30, or with --dt real speed, slowed if brief.")
+    ] = None
     camera: Annotated[
         tuple[float, float, float], Parameter(help="Direction from the shell to the camera; z is up.")
     ] = DEFAULT_CAMERA

@@ -125,8 +125,9 @@ class _ShellPage:
             tones=None if scene.output.color is None else Colouring.of(run, scene.output.color),
             bars=run.bars,
         )
-        remark = "" if run.message == NO_POTENTIAL else sentence(run.message)
-        notes = [f"Shown is the scene's own {what}, computed by {name} ({run.outcome}).", *filter(None, [remark])]
+        notes = [f"Shown is the scene's own {what}, computed by {name} ({run.outcome})."]
+        if run.message not in ("", NO_POTENTIAL):
+            notes.append(sentence(run.message))
         notes += [f"Error bar: {units.restated(str(run.bars))}."] if run.bars is not None else []
         seen = seen_contacts(run.positions, run.faces, run.times, scene.build_contacts())
         live, said = self._offered(run)

@@ -13,7 +13,7 @@ from cyclopts import Parameter
 import modalshell as ms
 from modalshell.commands.pages import scene_page
 from modalshell.commands.terminal import end_with, progress, say
-from modalshell.commands.unasked_bars import error_as_text
+from modalshell.commands.unasked_bars import error_as_text, may_have_bar
 from modalshell.core.checks import shortened, shown
 from modalshell.core.errors import FileFormatError
 from modalshell.core.typing import Array
@@ -119,7 +119,7 @@ def run(
     ] = None,
     restart: Annotated[bool, Parameter(help="Discard the frames of a stopped run and start again.")] = False,
 ) -> None:
-    """Run a scene file, or resume a run of it that was stopped.
+    """Run a scene file, or resume a run of it that was stopped; say how far its answer is from DS.
 
     Example: modalshell run studies/scenes/leaf_wind.toml --out results
     """
@@ -129,8 +129,10 @@ def run(
     name = result.files[0].stem
     say(f"{name}: {result.summary}")
     if isinstance(declared, ShellScene) and isinstance(result, ms.SceneResult):
-        advice = f'take name = "{TRUTH}" in [model], or auto'
-        for line in error_as_text(declared, declared.build_shell(), result.trajectory, advice):
+        run, model = result.trajectory, declared.model.spec.key
+        advice = f'take name = "{TRUTH}" in [model]' + ("" if model == "auto" else ", or auto")
+        shell = declared.build_shell() if may_have_bar(declared, len(run.rest_positions)) else None
+        for line in [] if shell is None else error_as_text(declared, shell, run, advice):
             say(f"{name}: {line}")
     say(*result.files, sep="\n")
     end_with(result.outcome)

@@ -27,7 +27,7 @@ def engine_rows(case: Case, truth: Array | None, on_step: Progress = unheard) ->
         if answer.counts and truth is not None and answer.positions is not None:
             error = measure.displacement_error(answer.positions[-1], truth, case.shell)
         row = {name: getattr(answer, name) for name in _FINDINGS} | {"error": error}
-        step = None if answer.step is None else case.units.seconds * answer.step  # in the unit of the shell's numbers
+        step = None if answer.step is None else case.units.seconds * answer.step  # [s], of the shell's unit of time
         rows.append(row | {"step": step})
         on_step(done, len(ENGINES))
     return rows

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.core.short_repr import short_repr
-from modalshell.core.typing import Array
+from modalshell.core.typing import Array, Mask
 from modalshell.core.units import in_percent
 from modalshell.statics.error_bar import LARGEST_BAR, ErrorBar, bar_as_text, share_as_text
 
@@ -35,7 +35,7 @@ class Bars:
     shape (B,)."""
     margin: Array
     """Stability margin; see :class:`modalshell.ErrorBar`; shape (B,)."""
-    valid: NDArray[np.bool_]
+    valid: Mask
     """Whether the bar holds; shape (B,). Of models that do not know which branch DS has taken, none holds once one
     was void: bars tell of branches, not of histories."""
     on: str = "shell"
@@ -45,7 +45,7 @@ class Bars:
     are void, and those after them hold. Empty without contacts."""
 
     @classmethod
-    def of(cls, times: Array, displacement: Array, margin: Array, valid: NDArray[np.bool_]) -> Bars:
+    def of(cls, times: Array, displacement: Array, margin: Array, valid: Mask) -> Bars:
         """Bars of finite numbers, the largest ones cut to 1e9."""
         return cls(times, np.clip(displacement, 0.0, _MOST), np.clip(margin, -_MOST, _MOST), valid)
 

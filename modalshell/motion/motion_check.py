@@ -106,13 +106,13 @@ def with_bars(
     numbers = np.array(rows, dtype=np.float64).reshape(-1, 3)
     bars = Bars.of(run.times[chosen], numbers[:, 0], numbers[:, 1], numbers[:, 2] > 0.0)
     bars = replace(bars, unjudged=tuple(unjudged)) if touching else bars
-    message, far = run.message, _too_far_apart(swings, largest)
+    message, far = run.message, too_far_apart(swings, largest)
     if far and far not in message:
         message = "; ".join(filter(None, [message, far]))
     return replace(run, bars=bars if coarse is None else replace(bars, on="coarse"), message=message)
 
 
-def _too_far_apart(swings: Array, largest: float) -> str:
+def too_far_apart(swings: Array, largest: float) -> str:
     """What a message says of frames too far apart for bars, from second differences and half of the first (2, B).
 
     Of a vibration of the angle ``a`` a frame the ratio of their root mean squares is ``2 tan(a / 2)``.

@@ -26,7 +26,7 @@ _SHORT = 34
 """Letters of a name below the axes that leave room for a second column."""
 _SHAPES = "os^DvPX"
 """Markers of the colours of a legend, in turn: red and green look alike to many readers."""
-_FEW_DECADES, _ONE_DECADE = 2.0, 0.7
+_FEW_DECADES, _EVEN_DECADES = 2.0, 0.7
 """Decades of a logarithmic axis up to which its ticks are plain numbers, and up to which they are evenly apart."""
 _SMALL, _LARGE = 1e-3, 1e6
 """Numbers between which plain ones are read at a glance."""
@@ -187,7 +187,7 @@ def _label_few_decades(axis: Axis) -> None:
     decades = float(np.log10(high / low))
     if decades > _FEW_DECADES or low < _SMALL or high > _LARGE:
         return
-    axis.set_major_locator(LogLocator(subs=(1, 2, 5)) if decades > _ONE_DECADE else MaxNLocator(6))
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5)) if decades > _EVEN_DECADES else MaxNLocator(6))
     axis.set_minor_locator(NullLocator())
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.6g}"))
 

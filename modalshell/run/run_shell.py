@@ -65,7 +65,8 @@ class SceneResult(RunResult):
     load : ndarray, shape (3,), or None
         Resultant of the load on it.
     slowed : int
-        How many times slower than real its film shows the motion; 1 without a film.
+        How many times its film was slowed, as the motion is too brief to be seen; 1 without a film, or where its
+        rate was given.
     """
 
     trajectory: Trajectory

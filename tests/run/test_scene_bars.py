@@ -102,6 +102,15 @@ def test_run_says_how_far_it_is_from_ds_where_no_bar_is_asked_for(gravity, motio
     assert ('take name = "ds" in [model], or auto' in told) == (gravity < -30.0)
 
 
+@pytest.mark.parametrize("output", ["", '[output]\npositions = "float32"\n'], ids=["far apart", "rounded"])
+def test_run_says_nothing_where_stored_frames_have_no_accelerations(output, tmp_path, capsys):
+    every = "store_every = 15\n" if not output else ""
+    scene = tmp_path / "scene.toml"
+    scene.write_text(SCENE % ("false", -2.0) + "[motion]\nduration = 2.0\ndt = 0.005\n" + every + output)
+    run_main("run", scene, "--out", tmp_path / "out")
+    assert "from DS" not in capsys.readouterr().out
+
+
 def test_run_says_nothing_of_the_error_of_ds(tmp_path, capsys):
     scene = tmp_path / "scene.toml"
     scene.write_text((SCENE % ("false", -2.0)).replace('"mwts"\nmodes = 4', '"ds"'))

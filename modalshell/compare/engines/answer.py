@@ -44,7 +44,7 @@ class EngineAnswer:
     seconds: float | None = None
     """Time of all loads on a processor [s]."""
     step: float | None = None
-    """The longest step tried that stayed stable [s]."""
+    """The longest step tried that stayed stable, in the unit of time of the shell's numbers."""
     frame_ms: float | None = None
     """Time of a step on a processor [ms]."""
     positions: Array | None = field(default=None, repr=False)
