@@ -70,9 +70,8 @@ def factorise(upper):  # type: ignore[no-untyped-def]
     """
     size, flat = upper.shape[0], upper.reshape(-1)
     for a in range(size):
-        for b in range(
-            a // LANES * LANES, size, LANES
-        ):  # a register of the row after the other, and by all that precede
+        # A register of the row after the other, and by all that precede.
+        for b in range(a // LANES * LANES, size, LANES):
             left, at, c = min(size - b, LANES), a * size + b, 0
             one, two = load_first(flat, at, left), spread(0.0)
             while c + 2 <= a:  # two sums: neither waits for the other

@@ -28,6 +28,8 @@ from numba.extending import (
     unbox,
 )
 
+from modalshell.core.thread_safety import read_only
+
 _RECORDS = types.NamedTuple | types.NamedUniTuple  # the latter where all parts are of one kind
 
 
@@ -37,6 +39,11 @@ class Referred(types.Type):
     def __init__(self, record: Any) -> None:
         self.record = record
         super().__init__(name=f"Referred({record})")
+
+    @property
+    def key(self) -> Any:
+        """What makes two the same: the record itself, as names of classes may be alike."""
+        return self.record
 
 
 @register_model(Referred)
@@ -112,7 +119,15 @@ class Placed:
                 own[...] = part
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Placed, (self.record,)
+        return _placed, (self.record, [isinstance(p, np.ndarray) and not p.flags.writeable for p in self._parts])
+
+
+def _placed(record: Any, closed: list[bool]) -> Placed:
+    """A record that was copied or pickled: its read-only arrays stay so, or kernels would be compiled once more."""
+    for part, is_closed in zip(_parts(record), closed, strict=True):
+        if is_closed:
+            read_only(part)
+    return Placed(record)
 
 
 def _parts(record: Any) -> list[Any]:

@@ -145,7 +145,10 @@ def bending_constants(mesh: TriangleMesh, direction: ArrayLike | None = None) ->
         poisson = sphere / (2.0 * wide) - 1.0
         narrow = wide * (1.0 - poisson**2)
         if (ring := _ring_axis(mesh)) is not None:
-            around = float(1.0 / np.linalg.inv(_relaxed_tensor(mesh, ring))[1, 1])
+            own, rest = _relaxed_tensor(mesh, ring), np.array([0, 2])
+            # Of one row of cells the others may have no stiffness: there is no inverse of all.
+            free = np.linalg.pinv(own[np.ix_(rest, rest)], rcond=1e-9, hermitian=True)
+            around = float(own[1, 1] - own[1, rest] @ free @ own[rest, 1])
     ends: tuple[float, ...] = ()
     if orientation.flat and orientation.elongated and not orientation.named:
         ends = _cantilever(mesh, axis)

@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+from collections import namedtuple
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -72,6 +73,7 @@ def test_copies_and_pickles_have_arrays_of_their_own():
     given = record()
     placed = Placed(given)
     for other in (placed.copied(), copy.deepcopy(placed), pickle.loads(pickle.dumps(placed))):
+        assert other.kind == placed.kind
         assert parts_of(other) == [0.25, 7.0, 5.0, 5.0, 17.0, 2.0, 17.0]
         assert other.record.grid[0, 0] == 1.0
         assert given.grid[0, 0] == 0.0
@@ -90,3 +92,8 @@ def test_arrays_that_differ_are_taken_over():
 def test_a_kernel_does_not_write_to_what_is_read_only():
     with pytest.raises(TypingError, match="readonly"):
         write(Placed(record()))
+
+
+def test_records_of_one_name_are_told_apart():
+    one, other = (namedtuple("Pair", names) for names in ("first second", "second first"))
+    assert Placed(one(np.zeros(1), np.zeros(1))).kind != Placed(other(np.zeros(1), np.zeros(1))).kind

@@ -92,7 +92,7 @@ def test_motions_beyond_the_energies_of_training_say_so():
     setting = {"duration": 1.0, "dt": 1.0 / 60.0, "damping": (1.0, 0.0)}
     said = [ms.simulate(hybrid, **setting, gravity=(0, 0, -2 * share)).message for share in (0.5, 3.0)]
     assert "of training" not in said[0]
-    assert re.search(r"its elastic energy was up to [\d.]+ times the largest of training", said[1])
+    assert re.search(r"its elastic energy was [\d.]+ times the largest of training or more", said[1])
     swinging = ms.Scaled(ms.SelfWeight((0, 0, -6)), ([0.0, 0.5, 1.0], [0.0, 1.0, 0.0]))  # by another way of stepping
     assert "of training" in ms.simulate(hybrid, **setting, loads=[swinging]).message
 

@@ -43,8 +43,9 @@ class DeadForce(NamedTuple):
     by_work: bool = False
     """Whether the force is that of :func:`~modalshell.kernels.push.work_frame` instead."""
     stay: Callable[..., Any] | None = None
-    """A step of SDIRK2 under it in which some vertices (k,) stay pushed in one call, if there is one, with the
-    arguments of :func:`~modalshell.models.reduction.rotation_strain_stay.stay_twice` from ``rows`` to ``out``."""
+    """A step of SDIRK2 under it in which some vertices (k,) stay pushed in one call, if there is one. It takes these,
+    and the arguments of :func:`~modalshell.models.reduction.rotation_strain_stay.stay_twice` from ``rows`` to ``out``,
+    the last without the fit's right side."""
 
 
 class ModalStep(NamedTuple):

@@ -235,7 +235,8 @@ class StayingRows(Staying):
     _state: Pressed
     _turned: Array
     _slots: Index
-    _kept: tuple[int, Any, Any, Any] = -1, None, None, None  # how often shapes were dropped; vertices and what is read
+    # How often shapes were dropped; the vertices, what is read of them, and their derivatives.
+    _kept: tuple[int, Any, Any, Any] = -1, None, None, None
 
     def begin(self, before: Pressed) -> None:
         """See :meth:`Staying.begin`."""

@@ -79,13 +79,14 @@ class Farthest:
         said = []
         if energy > self._trained:
             said.append(
-                f"its elastic energy was up to {energy / self._trained:.2g} times the largest of training, where no "
+                f"its elastic energy was {energy / self._trained:.3g} times the largest of training or more, where no "
                 "error is known: train about a larger load, or take coarse-ds"
             )
         if not margin > LEAST_MARGIN:
             said.append(
-                f"it came next to a snap (stability margin {margin:.2g} of the reduced shell, above {LEAST_MARGIN:g} "
-                "elsewhere): DS may snap earlier, later or not at all, and it may be off by as far as it has moved: "
+                f"it came next to a snap (stability margin {'below -1' if margin < -1.0 else f'{margin:.2g}'} of the "
+                f"reduced shell, above {LEAST_MARGIN:g} elsewhere): DS may snap earlier, later or not at all, and it "
+                "may be off by as far as it has moved: "
                 "take ds"
             )
         return "; ".join(said)
