@@ -41,7 +41,7 @@ class Farthest:
 
     def begun(self, state: MotionState) -> MotionState:
         """A start, whose memory knows how far it is from rest."""
-        return self.seen(MotionState(state.coordinates, state.rates, {_NAME: np.array([[0.0, 0.0, 1.0]])}), state)
+        return self._noted(np.array([[0.0, 0.0, 1.0]]), state)
 
     def seen(self, before: MotionState, after: MotionState) -> MotionState:
         """The state ``after`` a step, whose memory knows how far the motion has gone.
@@ -49,10 +49,13 @@ class Farthest:
         Those of coarse positions are of another model, and those that no motion has begun with are unknown.
         """
         row = before.memory.get(_NAME)
-        if row is not None:
-            x = after.coordinates
-            after.memory[_NAME] = row if x.ndim == 2 else self._looked(row, x[self._frames :])
-        return after
+        return after if row is None else self._noted(row, after)
+
+    def _noted(self, row: Array, state: MotionState) -> MotionState:
+        """The state, whose memory has the row of what came before, and of itself."""
+        x = state.coordinates
+        state.memory[_NAME] = row if x.ndim == 2 else self._looked(row, x[self._frames :])
+        return state
 
     def _looked(self, row: Array, z: Array) -> Array:
         """The row after a state z (m,): looked at where it is farther from rest than the last one by a good part."""
@@ -86,7 +89,6 @@ class Farthest:
             said.append(
                 f"it came next to a snap (stability margin {'below -1' if margin < -1.0 else f'{margin:.2g}'} of the "
                 f"reduced shell, above {LEAST_MARGIN:g} elsewhere): DS may snap earlier, later or not at all, and it "
-                "may be off by as far as it has moved: "
-                "take ds"
+                "may be off by as far as it has moved: take ds"
             )
         return "; ".join(said)
